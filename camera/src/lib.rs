@@ -1,0 +1,1 @@
+//! Overhead camera: silhouettes of the true shapes, similarity R, overlays.

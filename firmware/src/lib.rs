@@ -1,0 +1,1 @@
+//! The module firmware: application tasks generic over traits, and the STM32L475VG binary.

@@ -1,0 +1,1 @@
+//! Emulated motor drivers, bus and robot: reality for every test without hardware.

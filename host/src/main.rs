@@ -1,0 +1,2 @@
+//! rb-host: upload, run, record, search, match, diagnose.
+fn main() {}

@@ -1,0 +1,1 @@
+//! Particle swarm with constriction, ask/tell, counter-based random streams; checkpoints.

@@ -1,0 +1,2 @@
+//! Set-up, tests, firmware builds, tables.
+fn main() {}
