@@ -1,2 +1,43 @@
-//! Set-up, tests, firmware builds, tables.
-fn main() {}
+//! Set-up, the two commands of the README, the firmware build, and the tables of the documentation.
+
+mod demo;
+mod figures;
+mod setup;
+mod sh;
+mod test;
+
+use std::process::ExitCode;
+
+const USAGE: &str = "\
+cargo xtask <command>
+
+  demo      upload, run and record a gait on the emulated robot, and draw it (needs Rust only)
+  test      set up this machine, then run every check: format, lints, all tests, firmware, QEMU, foreign clients
+  setup     only the set-up that `test` does: Rust target, QEMU, Python clients, browser
+  fw        build the firmware image for the STM32L475VG and print its size
+  gate      link `control` and `protocol` into a thumb image in which a reachable panic is a link error
+  figures   print the tables of docs/figures.md from a fresh run (minutes)
+";
+
+fn main() -> ExitCode {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let result = match arguments.first().map(String::as_str) {
+        Some("demo") => demo::run(),
+        Some("test") => test::run(),
+        Some("setup") => setup::run().map(|report| report.print()),
+        Some("fw") => test::firmware_image(),
+        Some("gate") => test::panic_free_gate(),
+        Some("figures") => figures::run(),
+        _ => {
+            eprint!("{USAGE}");
+            return ExitCode::from(2);
+        }
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("xtask: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

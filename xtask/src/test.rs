@@ -1,0 +1,93 @@
+//! `cargo xtask test`: every check, in the order in which a failure is cheapest to learn about.
+
+use crate::{setup, sh};
+use anyhow::{Result, bail};
+
+type Step = (&'static str, fn() -> Result<()>);
+
+const STEPS: &[Step] = &[
+    ("format", || sh::run("cargo", &["fmt", "--all", "--check"])),
+    ("lints", lints),
+    ("lints of the firmware image", firmware_lints),
+    ("firmware image", firmware_image),
+    ("panic-free gate", panic_free_gate),
+    ("QEMU plug-in", || {
+        sh::run("cargo", &["build", "-p", "qemu-shim", "--release"])
+    }),
+    ("tests", || {
+        sh::run("cargo", &["test", "--workspace", "--no-fail-fast"])
+    }),
+];
+
+/// Set up, then run all steps; every failure is collected before the exit.
+pub(crate) fn run() -> Result<()> {
+    setup::run()?.print();
+    let mut failed = Vec::new();
+    for (name, step) in STEPS {
+        eprintln!("\n== {name}");
+        if let Err(error) = step() {
+            eprintln!("FAILED {name}: {error:#}");
+            failed.push(*name);
+        }
+    }
+    if !failed.is_empty() {
+        bail!("failed: {}", failed.join(", "));
+    }
+    eprintln!("\nAll {} steps passed.", STEPS.len());
+    Ok(())
+}
+
+fn lints() -> Result<()> {
+    sh::run(
+        "cargo",
+        &[
+            "clippy",
+            "--workspace",
+            "--all-targets",
+            "--",
+            "-D",
+            "warnings",
+        ],
+    )
+}
+
+const THUMB: [&str; 4] = ["--target", "thumbv7em-none-eabihf", "--profile", "firmware"];
+
+fn firmware_lints() -> Result<()> {
+    let arguments = [
+        &["clippy", "-p", "firmware"][..],
+        &THUMB,
+        &["--", "-D", "warnings"],
+    ];
+    sh::run("cargo", &arguments.concat())
+}
+
+/// Build the image that is flashed and run unchanged in QEMU.
+pub(crate) fn firmware_image() -> Result<()> {
+    setup::rust_target()?;
+    sh::run(
+        "cargo",
+        &[&["build", "-p", "firmware"][..], &THUMB].concat(),
+    )
+}
+
+/// A reachable panic in `control` or `protocol` leaves an undefined symbol, so the link fails.
+pub(crate) fn panic_free_gate() -> Result<()> {
+    setup::rust_target()?;
+    let manifest = "tests/panic-free/Cargo.toml";
+    let target_dir = sh::target_dir().join("panic-free");
+    let target_dir = target_dir.to_string_lossy();
+    sh::run(
+        "cargo",
+        &[
+            "build",
+            "--release",
+            "--manifest-path",
+            manifest,
+            "--target",
+            THUMB[1],
+            "--target-dir",
+            &target_dir,
+        ],
+    )
+}
