@@ -1,1 +1,14 @@
-//! The module firmware: application tasks generic over traits, and the STM32L475VG binary.
+//! The module firmware without its board: application core, slot store, tasks generic over the traits in [`ports`].
+//!
+//! The same code runs on the STM32 (the binary of this crate), in QEMU, and natively in the emulated robot.
+//! Layers, inside out:
+//!
+//! * [`app`]: the sans-I/O core. Messages and driver replies in, set-points, replies and telemetry out. Reads no clock.
+//! * [`slots`], [`crash`]: flash records and the fault block as bytes.
+//! * [`tasks`]: async loops that move bytes between the core and the traits; [`tasks::run`] joins them all.
+//! * [`ports`]: the traits that a board implements.
+#![cfg_attr(not(test), no_std)]
+#![forbid(unsafe_code)]
+
+pub mod crash;
+pub mod ports;
