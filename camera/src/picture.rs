@@ -1,0 +1,181 @@
+//! Pictures in the paper's colours: simulation blue, robot red, overlap green.
+
+use crate::Silhouette;
+
+const BLUE: [u8; 3] = [0x3b, 0x6f, 0xd4];
+const RED: [u8; 3] = [0xd6, 0x45, 0x3d];
+const GREEN: [u8; 3] = [0x3c, 0xa9, 0x5a];
+const GROUND: [u8; 3] = [0xfa, 0xfa, 0xf7];
+
+/// Why a picture could not be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum PictureError {
+    /// No frame given.
+    #[error("no frame to draw")]
+    NoFrame,
+    /// Frames of different sizes.
+    #[error("frame {frame} has another size than the first")]
+    Size {
+        /// Index of the frame.
+        frame: usize,
+    },
+    /// The encoder refused.
+    #[error("PNG encoding: {0}")]
+    Encode(#[from] png::EncodingError),
+    /// The file is no valid PNG.
+    #[error("PNG decoding: {0}")]
+    Decode(#[from] png::DecodingError),
+    /// Not 1 channel.
+    #[error("the PNG is {found:?}; silhouettes are grey scale with 1, 8 or 16 bit")]
+    Colour {
+        /// Colour type of the file.
+        found: png::ColorType,
+    },
+}
+
+/// One frame as a 1-bit PNG (white is robot).
+///
+/// # Errors
+/// When the encoder fails.
+pub fn silhouette_png(frame: &Silhouette) -> Result<Vec<u8>, PictureError> {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, edge(frame.width()), edge(frame.height()));
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_depth(png::BitDepth::One);
+    let row_bytes = frame.width().div_ceil(8);
+    let mut data = vec![0u8; row_bytes * frame.height()];
+    for y in 0..frame.height() {
+        for x in (0..frame.width()).filter(|&x| frame.get(x, y)) {
+            data[y * row_bytes + x / 8] |= 0x80 >> (x % 8);
+        }
+    }
+    encoder.write_header()?.write_image_data(&data)?;
+    Ok(bytes)
+}
+
+/// Read a grey-scale PNG; a pixel at half brightness or more is robot.
+///
+/// # Errors
+/// When it is no PNG or not grey scale.
+pub fn read_silhouette_png(bytes: &[u8]) -> Result<Silhouette, PictureError> {
+    let mut decoder = png::Decoder::new(std::io::Cursor::new(bytes));
+    decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::STRIP_16);
+    let mut reader = decoder.read_info()?;
+    let mut data = vec![0; reader.output_buffer_size().unwrap_or(0)];
+    let info = reader.next_frame(&mut data)?;
+    if info.color_type != png::ColorType::Grayscale {
+        return Err(PictureError::Colour {
+            found: info.color_type,
+        });
+    }
+    let (width, height) = (info.width as usize, info.height as usize);
+    let mut frame = Silhouette::new(width, height);
+    for (y, row) in data.chunks_exact(info.line_size).take(height).enumerate() {
+        for (x, _) in row
+            .iter()
+            .take(width)
+            .enumerate()
+            .filter(|(_, grey)| **grey >= 128)
+        {
+            frame.fill(y, x, x + 1);
+        }
+    }
+    Ok(frame)
+}
+
+/// The colours of one overlaid frame, three bytes per pixel.
+fn overlay_pixels(robot: &Silhouette, simulated: &Silhouette) -> Vec<u8> {
+    let mut data = Vec::with_capacity(robot.width() * robot.height() * 3);
+    for y in 0..robot.height() {
+        for x in 0..robot.width() {
+            data.extend(match (robot.get(x, y), simulated.get(x, y)) {
+                (true, true) => GREEN,
+                (true, false) => RED,
+                (false, true) => BLUE,
+                (false, false) => GROUND,
+            });
+        }
+    }
+    data
+}
+
+/// The paper's figure 5: one frame, robot and simulation laid over each other.
+///
+/// # Errors
+/// When the sizes differ or the encoder fails.
+pub fn overlay_png(robot: &Silhouette, simulated: &Silhouette) -> Result<Vec<u8>, PictureError> {
+    animation_png(&[(robot, simulated)], 1)
+}
+
+/// All overlaid frames as an animated PNG that browsers play, `rate_hz` frames per second.
+///
+/// # Errors
+/// When there is no frame, sizes differ or the encoder fails.
+pub fn animation_png(
+    frames: &[(&Silhouette, &Silhouette)],
+    rate_hz: u16,
+) -> Result<Vec<u8>, PictureError> {
+    let (width, height) = common_size(frames.iter().flat_map(|(a, b)| [*a, *b]))?;
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, edge(width), edge(height));
+    encoder.set_color(png::ColorType::Rgb);
+    if frames.len() > 1 {
+        encoder.set_animated(edge(frames.len()), 0)?;
+        encoder.set_frame_delay(1, rate_hz.max(1))?;
+    }
+    let mut writer = encoder.write_header()?;
+    for (robot, simulated) in frames {
+        writer.write_image_data(&overlay_pixels(robot, simulated))?;
+    }
+    writer.finish()?;
+    Ok(bytes)
+}
+
+/// The paper's figure 7: the robot's frames above the simulation's, time from left to right.
+///
+/// # Errors
+/// When there is no frame, sizes differ or the encoder fails.
+pub fn film_strip_png(
+    robot: &[&Silhouette],
+    simulated: &[&Silhouette],
+) -> Result<Vec<u8>, PictureError> {
+    let rows: Vec<_> = [(robot, RED), (simulated, BLUE)]
+        .into_iter()
+        .filter(|(row, _)| !row.is_empty())
+        .collect();
+    let (width, height) = common_size(rows.iter().flat_map(|(row, _)| row.iter().copied()))?;
+    let columns = rows.iter().map(|(row, _)| row.len()).max().unwrap_or(0);
+    let mut bytes = Vec::new();
+    let mut encoder =
+        png::Encoder::new(&mut bytes, edge(width * columns), edge(height * rows.len()));
+    encoder.set_color(png::ColorType::Rgb);
+    let mut data = Vec::with_capacity(width * columns * height * rows.len() * 3);
+    for (row, colour) in &rows {
+        for y in 0..height {
+            for column in 0..columns {
+                let frame = row.get(column);
+                data.extend((0..width).flat_map(|x| match frame {
+                    Some(frame) if frame.get(x, y) => *colour,
+                    _ => GROUND,
+                }));
+            }
+        }
+    }
+    encoder.write_header()?.write_image_data(&data)?;
+    Ok(bytes)
+}
+
+fn common_size<'a>(
+    mut frames: impl Iterator<Item = &'a Silhouette>,
+) -> Result<(usize, usize), PictureError> {
+    let first = frames.next().ok_or(PictureError::NoFrame)?;
+    let size = (first.width(), first.height());
+    match frames.position(|frame| (frame.width(), frame.height()) != size) {
+        Some(frame) => Err(PictureError::Size { frame: frame + 1 }),
+        None => Ok(size),
+    }
+}
+
+fn edge(pixels: usize) -> u32 {
+    u32::try_from(pixels).unwrap_or(u32::MAX)
+}
