@@ -12,3 +12,4 @@
 
 pub mod crash;
 pub mod ports;
+pub mod slots;

@@ -1,1 +1,3 @@
 //! Emulated motor drivers, bus and robot: reality for every test without hardware.
+
+pub mod robot;
