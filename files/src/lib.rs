@@ -1,1 +1,3 @@
 //! The files people write: gait.toml, model.toml, dataset.toml and its CSV, parsed once into valid types with errors that name file, line and range.
+
+pub mod dataset;

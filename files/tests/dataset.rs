@@ -1,0 +1,231 @@
+//! Data set folder: every error names file, line, column and reason; real recordings parse.
+
+use files::dataset::{
+    ControllerKind, Manifest, Motion, Output, Recording, Role, Signal, Warning, repeat_groups,
+};
+
+const HEAD: &str = "format = 1\nrobot = \"bench\"\nname = \"t\"\n";
+
+fn manifest(rest: &str) -> Manifest {
+    Manifest::parse(
+        "dataset.toml",
+        &format!("{HEAD}{rest}\n[[run]]\nfile = \"a.csv\"\n"),
+    )
+    .expect("valid")
+    .0
+}
+
+#[test]
+fn manifest_errors_name_line_and_key() {
+    let table = [
+        (
+            "robot = \"bench\"\n[[run]]\nfile=\"a\"\n",
+            "key `format` is missing",
+        ),
+        (
+            "format = 2\nrobot = \"bench\"\n",
+            "dataset.toml:1: `format` must be a number from 1 to 1, found 2",
+        ),
+        (
+            "format = 1\nrobot = \"dog\"\n",
+            "dataset.toml:2: `robot` must be one of \"bench\", \"metamodule\"",
+        ),
+        ("format = 1\nrobot = \"bench\"\n", "key `run` is missing"),
+        (
+            "format = 1\nrobot = \"bench\"\n[bench]\ninertia_kg_m2 = -1\n",
+            ":4: `bench.inertia_kg_m2` must be a number from",
+        ),
+        (
+            "format = 1\nrobot = \"bench\"\n[bench]\nsupply_v = { value = nan }\n",
+            ":4: `bench.supply_v.value` must be",
+        ),
+        (
+            "format = 1\nrobot = \"bench\"\n[bench]\nsupply_v = { tolerance = 0.1 }\n",
+            "`bench.supply_v.value` is missing",
+        ),
+        (
+            "format = 1\nrobot = \"bench\"\n[[run]]\ngait = \"g\"\n",
+            "key `run.file` is missing",
+        ),
+        ("format = 1\nrobot = \n", "dataset.toml:2: not valid TOML"),
+    ];
+    for (text, want) in table {
+        let got = Manifest::parse("dataset.toml", text)
+            .expect_err(text)
+            .to_string();
+        assert!(got.contains(want), "{got}\nwanted: {want}");
+    }
+}
+
+#[test]
+fn unknown_keys_are_named_and_ignored() {
+    let text = format!("{HEAD}[bench]\ninertia = 2\n[[run]]\nfile = \"a.csv\"\n");
+    let (_, warnings) = Manifest::parse("d.toml", &text).expect("valid");
+    assert!(
+        warnings[0]
+            .to_string()
+            .starts_with("d.toml:5: unknown key `bench.inertia`"),
+        "{}",
+        warnings[0]
+    );
+}
+
+#[test]
+fn overrides_keep_the_base_and_its_tolerance() {
+    let text = format!(
+        "{HEAD}[bench]\nmotion = \"linear\"\nmass_kg = {{ value = 95, tolerance = 0.1 }}\n[bench.controller]\nkind = \"cascade\"\n\
+         output = \"voltage\"\nkp = {{ value = 1.0, tolerance = 0.2 }}\n[[run]]\nfile = \"a.csv\"\ngait = \"g\"\nrole = \"check\"\n\
+         bench.controller.kp = 4.0\n[[run]]\nfile = \"b.csv\"\n"
+    );
+    let (m, warnings) = Manifest::parse("d.toml", &text).expect("valid");
+    assert!(warnings.is_empty(), "{warnings:?}");
+    let kp = m.runs[0].bench.controller.kp.expect("set");
+    assert_eq!((kp.value, kp.tolerance), (4.0, Some(0.2)));
+    assert_eq!(m.runs[1].bench.controller.kp.expect("set").value, 1.0);
+    assert_eq!(m.runs[0].role, Some(Role::Check));
+    assert_eq!(m.bench.motion, Motion::Linear);
+    assert_eq!(m.bench.controller.kind, Some(ControllerKind::Cascade));
+    assert_eq!(m.bench.controller.output, Some(Output::Voltage));
+    assert_eq!(m.bench.inertia.expect("set").value, 95.0);
+}
+
+#[test]
+fn csv_errors_name_line_and_column() {
+    let m = manifest("");
+    let table = [
+        (
+            "setpoint_rad,position_rad\n0,0\n0,0\n",
+            "column `t_s` is missing",
+        ),
+        (
+            "t_s,position_rad\n0,0\n1,0\n",
+            "column `setpoint_rad` is missing",
+        ),
+        (
+            "t_s,setpoint_rad\n0,0\n1,x\n",
+            "a.csv:3: column `setpoint_rad`: `x` is not a finite number",
+        ),
+        (
+            "t_s,setpoint_rad\n0,0\n1,NaN\n",
+            "a.csv:3: column `setpoint_rad`: `NaN`",
+        ),
+        (
+            "t_s,setpoint_rad\n0,0\n1,inf\n",
+            "`inf` is not a finite number",
+        ),
+        ("t_s,setpoint_rad\n,0\n1,0\n", "a.csv:2: column `t_s`"),
+        (
+            "t_s,setpoint_rad\n0,0\n2,0\n1,0\n",
+            "a.csv:4: column `t_s`: 1 comes after 2",
+        ),
+        (
+            "t_s,setpoint_rad,duty\n0,0,0\n1,0,55\n",
+            "a.csv:3: column `duty`: 55 is outside -1.05 .. 1.05",
+        ),
+        (
+            "t_s,setpoint_rad,enable\n0,0,2\n1,0,1\n",
+            "column `enable`: 2 is outside 0 .. 1",
+        ),
+        (
+            "t_s,setpoint_rad,setpoint_rad\n0,0,0\n1,0,0\n",
+            "`setpoint_rad` stands twice",
+        ),
+        ("t_s,setpoint_rad\n0,0\n", "only 1 rows"),
+        ("t_s,setpoint_rad\n0,0\n1,0,5\n", "a.csv:3: not valid CSV"),
+    ];
+    for (text, want) in table {
+        let got = Recording::parse("a.csv", text, &m)
+            .expect_err(text)
+            .to_string();
+        assert!(got.contains(want), "{got}\nwanted: {want}");
+    }
+}
+
+#[test]
+fn renamed_columns_empty_cells_and_joint_suffixes() {
+    let m = manifest("[signals]\n\"setpoint_rad_0\" = \"setpoint_Rotation\"");
+    let text = "t_s,setpoint_Rotation,position_rad,bus_v,colour\n0,1,,7.4,1\n0.1,,0.5,,2\n";
+    let (r, warnings) = Recording::parse("a.csv", text, &m).expect("valid");
+    let joint = r.joint(0).expect("one joint");
+    let setpoint = joint.get(Signal::Setpoint).expect("renamed");
+    assert!(setpoint[0] == 1.0 && setpoint[1].is_nan());
+    assert_eq!(r.body().bus_v.as_ref().expect("there")[0], 7.4);
+    assert!(
+        warnings
+            .iter()
+            .any(|w| matches!(w, Warning::UnknownColumn { column, .. } if column == "colour"))
+    );
+    let missing = Recording::parse("a.csv", "t_s,setpoint_rad\n0,0\n1,0\n", &m)
+        .expect_err("renamed column absent");
+    assert!(
+        missing.to_string().contains("setpoint_Rotation"),
+        "{missing}"
+    );
+}
+
+#[test]
+fn commands_of_other_kinds_have_their_own_header() {
+    let m = manifest("[bench]\ncommand = \"effort\"\nmotion = \"linear\"");
+    let (r, _) =
+        Recording::parse("a.csv", "t_s,setpoint_n,position_m\n0,1,0\n1,1,2\n", &m).expect("valid");
+    assert_eq!(
+        r.joint(0).and_then(|j| j.get(Signal::Setpoint)),
+        Some(&[1.0, 1.0][..])
+    );
+}
+
+#[test]
+fn repeats_need_same_gait_same_overrides_and_same_setpoints() {
+    let text = format!(
+        "{HEAD}[[run]]\nfile = \"a\"\ngait = \"g\"\n[[run]]\nfile = \"b\"\ngait = \"g\"\n[[run]]\nfile = \"c\"\ngait = \"g\"\n\
+         bench.controller.kp = 2\n[[run]]\nfile = \"d\"\ngait = \"g\"\n"
+    );
+    let (m, _) = Manifest::parse("d.toml", &text).expect("valid");
+    let csv = |scale: f64| {
+        let rows: Vec<String> = (0..50)
+            .map(|i| {
+                format!(
+                    "{},{},{}",
+                    f64::from(i) * 0.1,
+                    scale * f64::from(i),
+                    f64::from(i)
+                )
+            })
+            .collect();
+        format!("t_s,setpoint_rad,position_rad\n{}\n", rows.join("\n"))
+    };
+    let read = |scale| Recording::parse("x", &csv(scale), &m).expect("valid").0;
+    let groups = repeat_groups(&m, &[read(1.0), read(1.0), read(1.0), read(3.0)]);
+    assert_eq!(groups, [0, 0, 1, 2]);
+}
+
+#[test]
+fn measured_recordings_parse() {
+    let root = std::env::var("RB_DATA")
+        .unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data").into());
+    let root = [
+        root,
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../../shared/data").into(),
+    ]
+    .into_iter()
+    .find(|r| std::path::Path::new(r).is_dir());
+    let Some(root) = root else {
+        eprintln!("skipped: no measured data (set RB_DATA to its folder)");
+        return;
+    };
+    for (set, runs) in [
+        ("xl330", 12),
+        ("so101_rotation", 12),
+        ("so101_wrist_roll", 11),
+    ] {
+        let text = std::fs::read_to_string(format!("{root}/{set}/dataset.toml")).expect("manifest");
+        let (m, warnings) = Manifest::parse("dataset.toml", &text).expect("valid");
+        assert!(warnings.is_empty(), "{warnings:?}");
+        assert_eq!(m.runs.len(), runs);
+        for run in &m.runs {
+            let text = std::fs::read_to_string(format!("{root}/{set}/{}", run.file)).expect("csv");
+            let (r, _) = Recording::parse(&run.file, &text, &m).unwrap_or_else(|e| panic!("{e}"));
+            assert!(r.len() > 1000);
+        }
+    }
+}
