@@ -1,0 +1,245 @@
+//! The workspace keeps the promises its documents make about it.
+
+use serde_json::Value;
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+use std::process::Command;
+use tests::root;
+
+fn metadata() -> Value {
+    let output = Command::new(env!("CARGO"))
+        .args(["metadata", "--format-version", "1", "--offline"])
+        .current_dir(root())
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Names of all crates `start` reaches by normal and build dependencies.
+fn reaches(metadata: &Value, start: &str) -> BTreeSet<String> {
+    let nodes = metadata["resolve"]["nodes"].as_array().unwrap();
+    let name = |id: &Value| {
+        let package = metadata["packages"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|p| p["id"] == *id);
+        package.unwrap()["name"].as_str().unwrap().to_owned()
+    };
+    let start = nodes
+        .iter()
+        .find(|node| name(&node["id"]) == start)
+        .unwrap();
+    let (mut open, mut seen) = (vec![start["id"].clone()], BTreeSet::new());
+    while let Some(id) = open.pop() {
+        if !seen.insert(id.as_str().unwrap().to_owned()) {
+            continue;
+        }
+        let node = nodes.iter().find(|node| node["id"] == id).unwrap();
+        for dependency in node["deps"].as_array().unwrap() {
+            let kinds = dependency["dep_kinds"].as_array().unwrap();
+            if kinds.iter().any(|kind| kind["kind"] != "dev") {
+                open.push(dependency["pkg"].clone());
+            }
+        }
+    }
+    seen.iter()
+        .map(|id| name(&Value::from(id.as_str())))
+        .collect()
+}
+
+fn members(metadata: &Value) -> Vec<(String, PathBuf)> {
+    let ids = metadata["workspace_members"].as_array().unwrap();
+    let packages = metadata["packages"].as_array().unwrap();
+    let of = |id: &Value| {
+        packages
+            .iter()
+            .find(|package| package["id"] == *id)
+            .unwrap()
+    };
+    ids.iter()
+        .map(|id| {
+            let manifest = PathBuf::from(of(id)["manifest_path"].as_str().unwrap());
+            (
+                of(id)["name"].as_str().unwrap().to_owned(),
+                manifest.parent().unwrap().to_path_buf(),
+            )
+        })
+        .collect()
+}
+
+/// Files git tracks, as (path from the root, text); binary files are left out.
+fn tracked_texts() -> Vec<(String, String)> {
+    let output = Command::new("git")
+        .args(["ls-files", "-z"])
+        .current_dir(root())
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "the tidy test needs a git checkout"
+    );
+    let names = String::from_utf8(output.stdout).unwrap();
+    names
+        .split_terminator('\0')
+        .filter_map(|name| {
+            Some((
+                name.to_owned(),
+                std::fs::read_to_string(root().join(name)).ok()?,
+            ))
+        })
+        .collect()
+}
+
+#[test]
+fn the_architecture_page_names_every_crate() {
+    let text = std::fs::read_to_string(root().join("ARCHITECTURE.md")).unwrap();
+    for (name, folder) in members(&metadata()) {
+        let folder = folder.strip_prefix(root()).unwrap().display().to_string();
+        assert!(
+            text.contains(&format!("`{folder}/`")),
+            "ARCHITECTURE.md does not name `{folder}/` ({name})"
+        );
+    }
+}
+
+#[test]
+fn folders_the_architecture_page_names_exist() {
+    let text = std::fs::read_to_string(root().join("ARCHITECTURE.md")).unwrap();
+    for word in text
+        .split('`')
+        .skip(1)
+        .step_by(2)
+        .filter(|word| word.ends_with('/') && !word.contains(' '))
+    {
+        assert!(
+            root().join(word).is_dir(),
+            "ARCHITECTURE.md names `{word}`, which is no folder"
+        );
+    }
+}
+
+/// The diagnosis must not be able to see the truth, nor the code that generates it.
+#[test]
+fn the_diagnosis_reaches_no_crate_that_makes_test_data() {
+    let reached = reaches(&metadata(), "gap");
+    for forbidden in ["hil-sim", "firmware", "tests", "host"] {
+        assert!(!reached.contains(forbidden), "gap depends on {forbidden}");
+    }
+}
+
+#[test]
+fn core_crates_reach_no_port_and_no_terminal() {
+    let metadata = metadata();
+    for core in [
+        "control", "protocol", "files", "physics", "swarm", "camera", "gap",
+    ] {
+        let reached = reaches(&metadata, core);
+        for forbidden in [
+            "serialport",
+            "ctrlc",
+            "clap",
+            "indicatif",
+            "firmware",
+            "hil-sim",
+        ] {
+            assert!(
+                !reached.contains(forbidden),
+                "{core} depends on {forbidden}"
+            );
+        }
+    }
+}
+
+/// Words a core crate must not contain outside comments: clocks, files, environment, platform arithmetic.
+#[test]
+fn core_crates_read_no_clock_file_or_environment() {
+    const FORBIDDEN: &[&str] = &[
+        "std::time::",
+        "Instant::now",
+        "SystemTime",
+        "std::fs",
+        "std::env::",
+        "std::net",
+        "std::process",
+        "thread_rng",
+        "from_os_rng",
+    ];
+    for (file, text) in tracked_texts() {
+        let core = [
+            "control/src",
+            "protocol/src",
+            "files/src",
+            "physics/src",
+            "swarm/src",
+            "camera/src",
+            "gap/src",
+        ];
+        if !core.iter().any(|folder| file.starts_with(folder)) {
+            continue;
+        }
+        for (number, line) in text
+            .lines()
+            .enumerate()
+            .filter(|(_, line)| !line.trim_start().starts_with("//"))
+        {
+            let hit = FORBIDDEN.iter().find(|word| line.contains(**word));
+            assert!(
+                hit.is_none(),
+                "{file}:{}: {} in a core crate",
+                number + 1,
+                hit.unwrap()
+            );
+        }
+    }
+}
+
+#[test]
+fn nothing_is_left_open_or_switched_off() {
+    // Spelt in two halves so that this file does not find itself.
+    let marks = [
+        ["TO", "DO"],
+        ["FIX", "ME"],
+        ["#[ign", "ore"],
+        ["unimple", "mented!("],
+        ["to", "do!("],
+    ]
+    .map(|m| m.concat());
+    for (file, text) in tracked_texts()
+        .into_iter()
+        .filter(|(file, _)| file.ends_with(".rs"))
+    {
+        for mark in &marks {
+            assert!(!text.contains(mark.as_str()), "{file} contains {mark}");
+        }
+    }
+}
+
+#[test]
+fn links_between_the_documents_lead_somewhere() {
+    for (file, text) in tracked_texts()
+        .into_iter()
+        .filter(|(file, _)| file.ends_with(".md"))
+    {
+        let folder = root().join(&file).parent().unwrap().to_path_buf();
+        for target in text
+            .split("](")
+            .skip(1)
+            .filter_map(|rest| rest.split(')').next())
+        {
+            let target = target.split('#').next().unwrap();
+            if target.is_empty() || target.contains("://") || target.contains(' ') {
+                continue;
+            }
+            assert!(
+                folder.join(target).exists(),
+                "{file} links to {target}, which does not exist"
+            );
+        }
+    }
+}
