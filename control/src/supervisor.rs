@@ -1,0 +1,351 @@
+//! May anything move? The supervisor as an explicit state machine: a pure function of state, time and event.
+//!
+//! ```text
+//!            Booted              all joints homed                 Start (homed, lease)          InPosition and countdown over
+//!   Boot ──────────────▶ Unhomed ───────────────▶ Idle ─────────────────────▶ Armed ─────────────────────────▶ Run
+//!                           ▲                      ▲ ▲                          │ Stop, blocked, timeout         │ Stop, lease over,
+//!                           │ DriverReset          │ │                          ▼                                ▼ fault with ramp
+//!                           └──── (any state) ─────┘ └── hold over ─────── Stopping { Ramp ─settled or timeout─▶ Hold } ◀┘
+//!                                                  │                            │ hold over, stopped by a fault
+//!   any state ── fault ──▶ Fault ── ClearFault ────┤ ◀──────────────────────────┘ (to Fault)
+//!   any state ── STOP input ──▶ EStop ── released, ClearFault ──▶ Unhomed or Idle
+//! ```
+//!
+//! Invariants (tested over every state and event and over random sequences):
+//! * torque is on only in Armed, Run, Stopping and the hold of a Fault; the motors get new set-points only in Armed, Run and the
+//!   ramp of Stopping;
+//! * Armed is entered by a `Start` order alone, from Idle alone, with every joint homed; Run from Armed alone. So nothing moves after
+//!   a reset, a fault or a stop without a new order;
+//! * `Stop` is accepted in every state and leaves no state that moves along a gait;
+//! * a driver reset revokes the homing of its joint in every state (the encoders are relative);
+//! * the first fault is kept until `ClearFault`; a pressed STOP input beats everything.
+
+pub use crate::supervisor_types::{
+    Command, Event, Fault, FaultReaction, Motion, Order, Refusal, State, StopPhase, StopReason,
+    SupervisorParams, Transition,
+};
+
+use crate::robot::JOINTS;
+
+/// Mask with one bit per joint, all set.
+pub const ALL_JOINTS: u8 = (1 << JOINTS) - 1;
+
+/// The state machine with its homing mask.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Supervisor {
+    state: State,
+    homed_mask: u8,
+    stop_input: bool,
+}
+
+impl Default for Supervisor {
+    fn default() -> Self {
+        Supervisor::new()
+    }
+}
+
+impl Supervisor {
+    /// The state after any reset: Boot, nothing homed.
+    #[must_use]
+    pub const fn new() -> Self {
+        Supervisor {
+            state: State::Boot,
+            homed_mask: 0,
+            stop_input: false,
+        }
+    }
+
+    /// Present state.
+    #[must_use]
+    pub const fn state(&self) -> State {
+        self.state
+    }
+
+    /// Bit k set: the zero of joint k is known.
+    #[must_use]
+    pub const fn homed_mask(&self) -> u8 {
+        self.homed_mask
+    }
+
+    /// What motors and motion planner have to do in the present state.
+    #[must_use]
+    pub const fn command(&self) -> Command {
+        self.state.command()
+    }
+
+    /// Takes one event at `now_us` (microseconds of the module's clock). Call it with [`Event::Tick`] once a cycle.
+    pub fn step(&mut self, params: &SupervisorParams, now_us: u64, event: Event) -> Transition {
+        let from = self.state;
+        let refusal = self.take(params, now_us, event).err();
+        Transition {
+            from,
+            to: self.state,
+            refusal,
+        }
+    }
+
+    fn take(
+        &mut self,
+        params: &SupervisorParams,
+        now_us: u64,
+        event: Event,
+    ) -> Result<(), Refusal> {
+        match event {
+            Event::Booted => self.on_booted(),
+            Event::StopInput { pressed } => self.on_stop_input(pressed),
+            Event::Fault(fault) => self.on_fault(params, now_us, fault),
+            Event::DriverReset { joint } => self.on_driver_reset(params, now_us, joint),
+            Event::InPosition => self.on_in_position(now_us),
+            Event::ApproachBlocked => {
+                if let State::Armed { .. } = self.state {
+                    self.hold(params, now_us, StopReason::ApproachBlocked);
+                }
+            }
+            Event::Settled => {
+                if let State::Stopping {
+                    reason,
+                    phase: StopPhase::Ramp { .. },
+                } = self.state
+                {
+                    self.hold(params, now_us, reason);
+                }
+            }
+            Event::Tick => self.on_tick(params, now_us),
+            Event::Order(Order::Stop) => self.on_stop(params, now_us, StopReason::Ordered),
+            Event::Order(Order::ClearFault) => return self.on_clear_fault(),
+            Event::Order(Order::Home { joint_mask }) => return self.on_home(joint_mask),
+            Event::Order(Order::Start {
+                lease_us,
+                countdown_us,
+            }) => {
+                return self.on_start(params, now_us, lease_us, countdown_us);
+            }
+        }
+        Ok(())
+    }
+
+    fn at_rest(&self) -> State {
+        if self.homed_mask == ALL_JOINTS {
+            State::Idle
+        } else {
+            State::Unhomed
+        }
+    }
+
+    fn on_booted(&mut self) {
+        if let State::Boot = self.state {
+            self.state = self.at_rest();
+        }
+    }
+
+    fn on_stop_input(&mut self, pressed: bool) {
+        self.stop_input = pressed;
+        if pressed {
+            self.state = State::EStop;
+        }
+    }
+
+    fn on_fault(&mut self, params: &SupervisorParams, now_us: u64, fault: Fault) {
+        match self.state {
+            State::EStop | State::Fault { .. } => {}
+            State::Stopping {
+                reason: StopReason::Fault(first),
+                ..
+            } => {
+                // The first fault stays the reason; a worse one ends its ramp.
+                if fault.reaction() != FaultReaction::Ramp {
+                    self.latch(params, now_us, first, fault.reaction());
+                }
+            }
+            State::Run { .. } if fault.reaction() == FaultReaction::Ramp => {
+                self.ramp(params, now_us, StopReason::Fault(fault));
+            }
+            State::Armed { .. } | State::Run { .. } | State::Stopping { .. } => {
+                self.latch(params, now_us, fault, fault.reaction());
+            }
+            State::Boot | State::Unhomed | State::Idle => {
+                self.state = State::Fault {
+                    fault,
+                    hold_until_us: None,
+                }
+            }
+        }
+    }
+
+    fn on_driver_reset(&mut self, params: &SupervisorParams, now_us: u64, joint: u8) {
+        let bit = if usize::from(joint) < JOINTS {
+            1u8 << (joint & 7)
+        } else {
+            ALL_JOINTS
+        };
+        self.homed_mask &= !bit;
+        match self.state {
+            State::Idle => self.state = State::Unhomed,
+            State::Armed { .. } | State::Run { .. } | State::Stopping { .. } => {
+                self.on_fault(params, now_us, Fault::DriverReset { joint });
+            }
+            State::Boot | State::Unhomed | State::Fault { .. } | State::EStop => {}
+        }
+    }
+
+    fn on_in_position(&mut self, now_us: u64) {
+        if let State::Armed {
+            lease_us,
+            run_at_us,
+            ..
+        } = self.state
+            && now_us >= run_at_us
+        {
+            self.state = State::Run {
+                until_us: now_us.saturating_add(lease_us),
+            };
+        }
+    }
+
+    fn on_tick(&mut self, params: &SupervisorParams, now_us: u64) {
+        match self.state {
+            State::Armed { give_up_us, .. } if now_us >= give_up_us => {
+                self.hold(params, now_us, StopReason::ArmTimeout)
+            }
+            State::Run { until_us } if now_us >= until_us => {
+                self.ramp(params, now_us, StopReason::LeaseOver)
+            }
+            State::Stopping {
+                reason,
+                phase: StopPhase::Ramp { until_us },
+            } if now_us >= until_us => {
+                self.hold(params, now_us, reason);
+            }
+            State::Stopping {
+                reason,
+                phase: StopPhase::Hold { until_us },
+            } if now_us >= until_us => {
+                self.state = match reason {
+                    StopReason::Fault(fault) => State::Fault {
+                        fault,
+                        hold_until_us: None,
+                    },
+                    _ => self.at_rest(),
+                };
+            }
+            State::Fault {
+                fault,
+                hold_until_us: Some(until_us),
+            } if now_us >= until_us => {
+                self.state = State::Fault {
+                    fault,
+                    hold_until_us: None,
+                };
+            }
+            _ => {}
+        }
+    }
+
+    fn on_stop(&mut self, params: &SupervisorParams, now_us: u64, reason: StopReason) {
+        match self.state {
+            State::Armed { .. } => self.hold(params, now_us, reason),
+            State::Run { .. } => self.ramp(params, now_us, reason),
+            _ => {}
+        }
+    }
+
+    fn on_clear_fault(&mut self) -> Result<(), Refusal> {
+        match self.state {
+            State::EStop if self.stop_input => Err(Refusal::StopInputPressed),
+            State::EStop | State::Fault { .. } => {
+                self.state = self.at_rest();
+                Ok(())
+            }
+            _ => Err(Refusal::NoFault),
+        }
+    }
+
+    fn on_home(&mut self, joint_mask: u8) -> Result<(), Refusal> {
+        if joint_mask == 0 || joint_mask & !ALL_JOINTS != 0 {
+            return Err(Refusal::BadJointMask { joint_mask });
+        }
+        match self.state {
+            State::Unhomed | State::Idle => {
+                self.homed_mask |= joint_mask;
+                self.state = self.at_rest();
+                Ok(())
+            }
+            other => Err(other.refusal()),
+        }
+    }
+
+    fn on_start(
+        &mut self,
+        params: &SupervisorParams,
+        now_us: u64,
+        lease_us: u64,
+        countdown_us: u64,
+    ) -> Result<(), Refusal> {
+        if lease_us == 0 || lease_us > params.lease_max_us {
+            return Err(Refusal::BadLease {
+                lease_us,
+                max_us: params.lease_max_us,
+            });
+        }
+        if countdown_us > params.arm_max_us {
+            return Err(Refusal::BadCountdown {
+                countdown_us,
+                max_us: params.arm_max_us,
+            });
+        }
+        match self.state {
+            State::Idle => {
+                let run_at_us = now_us.saturating_add(countdown_us);
+                let give_up_us = run_at_us.saturating_add(params.arm_max_us);
+                self.state = State::Armed {
+                    lease_us,
+                    run_at_us,
+                    give_up_us,
+                };
+                Ok(())
+            }
+            State::Unhomed => Err(Refusal::NotHomed {
+                missing_mask: ALL_JOINTS & !self.homed_mask,
+            }),
+            other => Err(other.refusal()),
+        }
+    }
+
+    fn ramp(&mut self, params: &SupervisorParams, now_us: u64, reason: StopReason) {
+        self.state = State::Stopping {
+            reason,
+            phase: StopPhase::Ramp {
+                until_us: now_us.saturating_add(params.ramp_max_us),
+            },
+        };
+    }
+
+    fn hold(&mut self, params: &SupervisorParams, now_us: u64, reason: StopReason) {
+        self.state = State::Stopping {
+            reason,
+            phase: StopPhase::Hold {
+                until_us: now_us.saturating_add(params.hold_us),
+            },
+        };
+    }
+
+    fn latch(
+        &mut self,
+        params: &SupervisorParams,
+        now_us: u64,
+        fault: Fault,
+        reaction: FaultReaction,
+    ) {
+        let hold_until_us = match reaction {
+            FaultReaction::Ramp | FaultReaction::Hold => {
+                Some(now_us.saturating_add(params.hold_us))
+            }
+            FaultReaction::Off => None,
+        };
+        self.state = State::Fault {
+            fault,
+            hold_until_us,
+        };
+    }
+}
