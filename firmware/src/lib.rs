@@ -12,4 +12,5 @@
 
 pub mod crash;
 pub mod ports;
+pub mod shared;
 pub mod slots;
