@@ -1,3 +1,5 @@
 //! The files people write: gait.toml, model.toml, dataset.toml and its CSV, parsed once into valid types with errors that name file, line and range.
+#![forbid(unsafe_code)]
 
 pub mod dataset;
+pub mod gait;
