@@ -1,3 +1,21 @@
 //! Emulated motor drivers, bus and robot: reality for every test without hardware.
+//!
+//! - [`motor`]: one geared joint (motor, gear, friction, play, heat); [`body`]: what the joints carry
+//! - [`driver`]: registers and the 1 kHz loop of one motor driver
+//! - [`bus`]: the half-duplex wire, byte by byte
+//! - [`world`]: drivers, joints, supply, body and bus on one virtual clock
+//! - [`robot`]: the firmware application run natively against all of the above
+//!
+//! Everything here is deterministic: time and seeds are arguments.
 
+#![forbid(unsafe_code)]
+
+pub mod body;
+pub mod bus;
+pub mod driver;
+pub mod motor;
+pub mod plant;
+pub mod rng;
 pub mod robot;
+pub mod supply;
+pub mod world;

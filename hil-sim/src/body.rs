@@ -1,0 +1,137 @@
+//! What the joints carry: the hook for a physics engine, and the default stand.
+
+use crate::motor::LinkDrive;
+
+/// Motion of one link as the body reports it.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LinkState {
+    /// Joint angle on the link side, continuous [rad].
+    pub angle_rad: f64,
+    /// Its speed [rad/s].
+    pub velocity_rad_s: f64,
+    /// Inertia that the joint feels now, armature excluded [kg m2]: used between two body steps, and to check
+    /// that the step suits the stiffness.
+    pub inertia_kg_m2: f64,
+    /// Torque that the body puts against + motion at rest (gravity, contact) [N m]: used between two body steps.
+    pub load_nm: f64,
+}
+
+/// The body behind the joints. Joint order is the caller's; there is one entry per joint.
+///
+/// Contract: `step` integrates over `dt_s` under constant drives. A drive's torque acts on the link, its reaction on
+/// the proximal body; its armature is added to the joint's own diagonal inertia. The joint model may call with any
+/// multiple of its own step (see `WorldParams::body_every`).
+pub trait Body: Send {
+    /// Number of joints.
+    fn joints(&self) -> usize;
+
+    /// Writes the present state of every link.
+    fn links(&self, links: &mut [LinkState]);
+
+    /// Advances by `dt_s` and writes the new state of every link.
+    fn step(&mut self, dt_s: f64, drives: &[LinkDrive], links: &mut [LinkState]);
+}
+
+/// An outside torque on one joint of a [`Stand`].
+pub trait Load: Send {
+    /// Torque on the link at time `t_s`, positive towards + angle [N m].
+    fn torque_nm(&mut self, t_s: f64, angle_rad: f64, velocity_rad_s: f64) -> f64;
+}
+
+/// One joint on a stand: an inertia, a hanging mass, and any outside load.
+pub struct StandJoint {
+    /// Inertia of what the joint carries [kg m2].
+    pub inertia_kg_m2: f64,
+    /// Gravity amplitude m g l [N m]; the load hangs down at `hang_rad`.
+    pub gravity_nm: f64,
+    /// Angle at which the load hangs [rad].
+    pub hang_rad: f64,
+    /// Outside load, if any.
+    pub load: Option<Box<dyn Load>>,
+}
+
+impl StandJoint {
+    /// A bare inertia without gravity.
+    #[must_use]
+    pub fn inertia(inertia_kg_m2: f64) -> Self {
+        Self {
+            inertia_kg_m2,
+            gravity_nm: 0.0,
+            hang_rad: 0.0,
+            load: None,
+        }
+    }
+}
+
+/// Joints on stands: independent of each other.
+pub struct Stand {
+    joints: Vec<StandJoint>,
+    links: Vec<LinkState>,
+    time_s: f64,
+}
+
+impl Stand {
+    /// All joints at rest at 0 rad.
+    #[must_use]
+    pub fn new(joints: Vec<StandJoint>) -> Self {
+        let links = joints
+            .iter()
+            .map(|joint| LinkState {
+                inertia_kg_m2: joint.inertia_kg_m2,
+                ..LinkState::default()
+            })
+            .collect();
+        Self {
+            joints,
+            links,
+            time_s: 0.0,
+        }
+    }
+
+    /// `count` joints that each turn two half-spheres in the air, without gravity.
+    #[must_use]
+    pub fn free(count: usize) -> Self {
+        // 2 x 0.325 kg (Table II) at the radius of gyration of a 110 mm cube about its centre: 0.65 * 0.11^2 / 6.
+        const CUBE_KG_M2: f64 = 1.31e-3;
+        Self::new(
+            (0..count)
+                .map(|_| StandJoint::inertia(CUBE_KG_M2))
+                .collect(),
+        )
+    }
+
+    /// Places every joint at rest at `angle_rad`.
+    pub fn place(&mut self, angle_rad: f64) {
+        for link in &mut self.links {
+            link.angle_rad = angle_rad;
+            link.velocity_rad_s = 0.0;
+        }
+    }
+}
+
+impl Body for Stand {
+    fn joints(&self) -> usize {
+        self.joints.len()
+    }
+
+    fn links(&self, links: &mut [LinkState]) {
+        for (out, link) in links.iter_mut().zip(&self.links) {
+            *out = *link;
+        }
+    }
+
+    fn step(&mut self, dt_s: f64, drives: &[LinkDrive], links: &mut [LinkState]) {
+        for ((joint, link), drive) in self.joints.iter_mut().zip(&mut self.links).zip(drives) {
+            let gravity = joint.gravity_nm * libm::sin(link.angle_rad - joint.hang_rad);
+            let outside = joint.load.as_mut().map_or(0.0, |load| {
+                load.torque_nm(self.time_s, link.angle_rad, link.velocity_rad_s)
+            });
+            link.load_nm = gravity - outside;
+            let inertia = joint.inertia_kg_m2 + drive.armature_kg_m2;
+            link.velocity_rad_s += (drive.torque_nm - link.load_nm) / inertia * dt_s;
+            link.angle_rad += link.velocity_rad_s * dt_s;
+        }
+        self.time_s += dt_s;
+        self.links(links);
+    }
+}

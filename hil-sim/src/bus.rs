@@ -1,0 +1,260 @@
+//! The half-duplex bus: bytes take time, everybody hears everybody, and two talkers at once spoil each other.
+//!
+//! 8N1: ten bit times per byte, 10 us at 1 Mbaud. Deterministic; time is an argument.
+
+use crate::rng::Rng;
+
+/// Who puts a byte on the wire.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Talker {
+    /// The MCU or the foreign client.
+    Master,
+    /// A driver, by its place in the world.
+    Driver(usize),
+}
+
+/// Wire properties.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BusParams {
+    /// Bits per second.
+    pub baud: u32,
+    /// True = the master hears its own bytes.
+    pub echo: bool,
+}
+
+impl Default for BusParams {
+    fn default() -> Self {
+        // 1 Mbaud: the paper, section II. A transceiver with driver-enable does not echo.
+        Self {
+            baud: 1_000_000,
+            echo: false,
+        }
+    }
+}
+
+impl BusParams {
+    /// Time of one byte on the wire [ns]: start bit, eight data bits, stop bit.
+    #[must_use]
+    pub fn byte_ns(&self) -> u64 {
+        10_000_000_000 / u64::from(self.baud.max(1))
+    }
+}
+
+/// A byte that has fully passed the wire.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Delivery {
+    /// Instant of its stop bit [ns].
+    pub at_ns: u64,
+    /// Who sent it.
+    pub from: Talker,
+    /// Its value as received.
+    pub byte: u8,
+    /// False = spoiled by a collision (the receiver may notice a framing error).
+    pub clean: bool,
+}
+
+/// What the bus has seen.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct BusCounters {
+    /// Bytes from the master.
+    pub master_bytes: u64,
+    /// Bytes from drivers.
+    pub driver_bytes: u64,
+    /// Bytes spoiled because two talked at once.
+    pub collided_bytes: u64,
+    /// Time with at least one talker [ns].
+    pub busy_ns: u64,
+}
+
+#[derive(Clone, Debug)]
+struct InFlight {
+    start_ns: u64,
+    end_ns: u64,
+    from: Talker,
+    byte: u8,
+    clean: bool,
+}
+
+/// The wire.
+#[derive(Clone, Debug)]
+pub struct Bus {
+    params: BusParams,
+    in_flight: Vec<InFlight>,
+    /// Until when each talker is sending [ns].
+    talking_until: Vec<(Talker, u64)>,
+    busy_until_ns: u64,
+    counters: BusCounters,
+    noise: Rng,
+}
+
+/// Stream number of collision garbage.
+const PURPOSE_COLLISION: u64 = 0xB0;
+
+impl Bus {
+    /// An idle bus.
+    #[must_use]
+    pub fn new(params: BusParams, seed: u64) -> Self {
+        Self {
+            params,
+            in_flight: Vec::new(),
+            talking_until: Vec::new(),
+            busy_until_ns: 0,
+            counters: BusCounters::default(),
+            noise: Rng::new(seed, PURPOSE_COLLISION, 0),
+        }
+    }
+
+    /// Wire properties.
+    #[must_use]
+    pub fn params(&self) -> &BusParams {
+        &self.params
+    }
+
+    /// What the bus has seen.
+    #[must_use]
+    pub fn counters(&self) -> &BusCounters {
+        &self.counters
+    }
+
+    /// Puts bytes on the wire from `at_ns` on, after whatever this talker is still sending. Returns the instant of the
+    /// last stop bit (transmission complete) [ns].
+    pub fn send(&mut self, at_ns: u64, from: Talker, bytes: &[u8]) -> u64 {
+        let byte_ns = self.params.byte_ns();
+        let mut start_ns = at_ns.max(self.busy_with(from));
+        for &byte in bytes {
+            let end_ns = start_ns + byte_ns;
+            let mut clean = true;
+            for other in &mut self.in_flight {
+                if other.from != from && other.start_ns < end_ns && start_ns < other.end_ns {
+                    clean = false;
+                    if other.clean {
+                        other.clean = false;
+                        self.counters.collided_bytes += 1;
+                    }
+                }
+            }
+            self.counters.collided_bytes += u64::from(!clean);
+            self.in_flight.push(InFlight {
+                start_ns,
+                end_ns,
+                from,
+                byte,
+                clean,
+            });
+            self.counters.busy_ns += end_ns - start_ns.max(self.busy_until_ns.min(end_ns));
+            self.busy_until_ns = self.busy_until_ns.max(end_ns);
+            start_ns = end_ns;
+        }
+        match from {
+            Talker::Master => self.counters.master_bytes += bytes.len() as u64,
+            Talker::Driver(_) => self.counters.driver_bytes += bytes.len() as u64,
+        }
+        match self
+            .talking_until
+            .iter_mut()
+            .find(|(talker, _)| *talker == from)
+        {
+            Some((_, until)) => *until = start_ns,
+            None => self.talking_until.push((from, start_ns)),
+        }
+        start_ns
+    }
+
+    fn busy_with(&self, from: Talker) -> u64 {
+        self.talking_until
+            .iter()
+            .find(|(talker, _)| *talker == from)
+            .map_or(0, |(_, until)| *until)
+    }
+
+    /// Instant of the next byte's stop bit, if any byte is on the wire [ns].
+    #[must_use]
+    pub fn next_delivery_ns(&self) -> Option<u64> {
+        self.in_flight.iter().map(|byte| byte.end_ns).min()
+    }
+
+    /// Takes the next byte that has fully passed by `until_ns`.
+    pub fn deliver(&mut self, until_ns: u64) -> Option<Delivery> {
+        let at = self
+            .in_flight
+            .iter()
+            .enumerate()
+            .filter(|(_, byte)| byte.end_ns <= until_ns)
+            .min_by_key(|(_, byte)| (byte.end_ns, byte.from))
+            .map(|(index, _)| index)?;
+        let passed = self.in_flight.swap_remove(at);
+        let byte = if passed.clean {
+            passed.byte
+        } else {
+            // What two drivers of a pair against each other leave is neither byte: any other value.
+            passed.byte ^ (1 + (self.noise.next_u64() % 255) as u8)
+        };
+        Some(Delivery {
+            at_ns: passed.end_ns,
+            from: passed.from,
+            byte,
+            clean: passed.clean,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_byte_takes_ten_bits() {
+        let mut bus = Bus::new(BusParams::default(), 0);
+        assert_eq!(bus.send(500, Talker::Master, &[1, 2, 3]), 30_500);
+        assert_eq!(bus.next_delivery_ns(), Some(10_500));
+        assert_eq!(bus.deliver(10_499), None);
+        let first = bus.deliver(10_500).expect("due");
+        assert_eq!((first.at_ns, first.byte, first.clean), (10_500, 1, true));
+        assert_eq!(
+            BusParams {
+                baud: 115_200,
+                echo: false
+            }
+            .byte_ns(),
+            86_805
+        );
+    }
+
+    #[test]
+    fn overlapping_talkers_spoil_each_other_and_are_counted() {
+        let mut bus = Bus::new(BusParams::default(), 0);
+        bus.send(0, Talker::Master, &[0x55; 4]);
+        bus.send(15_000, Talker::Driver(0), &[0xAA]);
+        let all: Vec<_> = std::iter::from_fn(|| bus.deliver(u64::MAX)).collect();
+        let spoiled: Vec<_> = all
+            .iter()
+            .filter(|d| !d.clean)
+            .map(|d| (d.at_ns, d.from))
+            .collect();
+        assert_eq!(
+            spoiled,
+            [
+                (20_000, Talker::Master),
+                (25_000, Talker::Driver(0)),
+                (30_000, Talker::Master)
+            ]
+        );
+        assert_eq!(bus.counters().collided_bytes, 3);
+        let sent = |from| if from == Talker::Master { 0x55 } else { 0xAA };
+        assert!(
+            all.iter()
+                .filter(|d| !d.clean)
+                .all(|d| d.byte != sent(d.from))
+        );
+    }
+
+    #[test]
+    fn one_talker_never_collides_with_itself() {
+        let mut bus = Bus::new(BusParams::default(), 0);
+        bus.send(0, Talker::Driver(1), &[1, 2]);
+        // Asked to start early: queued behind its own bytes.
+        assert_eq!(bus.send(5_000, Talker::Driver(1), &[3]), 30_000);
+        assert_eq!(bus.counters().collided_bytes, 0);
+        assert_eq!(bus.counters().busy_ns, 30_000);
+    }
+}
