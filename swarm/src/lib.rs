@@ -180,6 +180,13 @@ impl Swarm {
         known.map(|best| (best.position.as_slice(), best.fitness))
     }
 
+    /// Fitness of a particle's own best; `None` before its first finite fitness or for a particle that is not there.
+    #[must_use]
+    pub fn personal_best(&self, particle: usize) -> Option<f64> {
+        let best = self.particles.get(particle)?.best.as_ref()?;
+        Some(best.fitness)
+    }
+
     /// Fitness values that were not finite.
     #[must_use]
     pub fn refused(&self) -> u64 {

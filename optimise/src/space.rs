@@ -1,0 +1,86 @@
+//! The 17 numbers: six amplitudes, six offsets, five phase lags of a chain of six oscillators.
+
+use control::gait::{self, Gait, GaitError, Oscillator, RawGait};
+use control::math;
+use control::robot::JOINTS;
+use serde::{Deserialize, Serialize};
+
+/// Numbers per gait.
+pub const DIMENSIONS: usize = 3 * JOINTS - 1;
+
+/// The search space and what all its gaits share. Parameters only.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GaitSpace {
+    /// f, Hz; the paper's 0.2.
+    pub frequency_hz: f32,
+    /// a, 1/s; the paper's 2.
+    pub rate_a_per_s: f32,
+    /// w, 1/(s rad); the paper's 0.5.
+    pub weight: f32,
+    /// Length of a trial, s; the paper's 30.
+    pub duration_s: f32,
+    /// Highest speed a set-point may ask of each joint, rad/s.
+    pub joint_speed_rad_s: [f32; JOINTS],
+    /// Offsets reach this far either way, rad.
+    pub offset_limit_rad: f32,
+}
+
+/// The hand-tuned maximum velocities of the simulated motors (paper, Table II rows 13 and 17), by joint kind: gaits that ask for
+/// more would be clipped in simulation, and the real motors' no-load speeds (2.786, 2.032 rad/s) leave little above them.
+const HAND_TUNED_SPEED_RAD_S: [f32; 2] = [2.5, 1.5];
+
+impl Default for GaitSpace {
+    /// The paper's constants; offsets up to half a turn, as the joints have no end stops.
+    fn default() -> Self {
+        let [intra, inter] = HAND_TUNED_SPEED_RAD_S;
+        Self {
+            frequency_hz: 0.2,
+            rate_a_per_s: 2.0,
+            weight: 0.5,
+            duration_s: 30.0,
+            joint_speed_rad_s: [intra, inter, intra, intra, inter, intra],
+            offset_limit_rad: math::PI,
+        }
+    }
+}
+
+impl GaitSpace {
+    /// Bounds of the swarm: amplitudes from 0 to where R 2 pi f meets the joint's speed, offsets, lags of half a turn either way.
+    #[must_use]
+    pub fn bounds(&self) -> Vec<(f64, f64)> {
+        let omega_rad_s = math::TAU * self.frequency_hz;
+        let amplitudes = self.joint_speed_rad_s.iter().map(|&speed| {
+            let highest = (speed / omega_rad_s).min(gait::AMPLITUDE_RAD.max);
+            (0.0, f64::from(highest))
+        });
+        let offset = f64::from(self.offset_limit_rad);
+        let offsets = (0..JOINTS).map(|_| (-offset, offset));
+        let lag = f64::from(math::PI);
+        let lags = (1..JOINTS).map(|_| (-lag, lag));
+        amplitudes.chain(offsets).chain(lags).collect()
+    }
+
+    /// The gait of a position, started phase-locked.
+    ///
+    /// # Errors
+    /// When the position does not have 17 numbers in range; positions inside [`GaitSpace::bounds`] always are.
+    pub fn gait(&self, position: &[f64], name: &str) -> Result<Gait, GaitError> {
+        let at = |i: usize| position.get(i).map_or(f32::NAN, |&x| x as f32);
+        let oscillators = (0..JOINTS).map(|joint| Oscillator {
+            amplitude_rad: at(joint),
+            offset_rad: at(JOINTS + joint),
+            initial_phase_rad: 0.0,
+        });
+        let lags: [f32; JOINTS - 1] = core::array::from_fn(|i| at(2 * JOINTS + i));
+        let mut raw = RawGait {
+            name: name.chars().take(gait::MAX_NAME / 4).collect(),
+            frequency_hz: self.frequency_hz,
+            rate_a_per_s: self.rate_a_per_s,
+            duration_s: self.duration_s,
+            oscillators: oscillators.collect(),
+            links: gait::chain(self.weight, &lags),
+        };
+        raw.lock_phases();
+        Gait::try_from(raw)
+    }
+}
