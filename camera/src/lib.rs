@@ -12,5 +12,5 @@ mod solid;
 mod view;
 
 pub use silhouette::Silhouette;
-pub use solid::{Pose, Solid};
+pub use solid::Solid;
 pub use view::{View, ViewError};

@@ -1,29 +1,7 @@
 //! Convex solids as points on their surface.
 
-/// Position and orientation of a body in the world (z up, ground z = 0).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pose {
-    /// Origin of the body in the world.
-    pub position_m: [f32; 3],
-    /// Rows of the rotation matrix body -> world.
-    pub rotation: [[f32; 3]; 3],
-}
-
-impl Pose {
-    /// Body frame on the world frame.
-    pub const IDENTITY: Self = Self {
-        position_m: [0.0; 3],
-        rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
-    };
-
-    pub(crate) fn apply(&self, p: [f32; 3]) -> [f32; 3] {
-        let mut world = self.position_m;
-        for (w, row) in world.iter_mut().zip(&self.rotation) {
-            *w += row[0] * p[0] + row[1] * p[1] + row[2] * p[2];
-        }
-        world
-    }
-}
+use control::linalg::Vec3;
+use control::robot::RobotModel;
 
 /// A convex solid fixed to a body: the hull of its points, in the body frame, in metres.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,7 +9,7 @@ pub struct Solid {
     /// Body the solid moves with.
     pub body: usize,
     /// Surface points whose hull is the solid.
-    pub points_m: Vec<[f32; 3]>,
+    pub points_m: Vec<Vec3>,
 }
 
 /// Rings of sample directions of a half-sphere: with these counts the outline of a whole cube has 99 % of its true area.
@@ -45,8 +23,8 @@ impl Solid {
     #[must_use]
     pub fn half_sphere(
         body: usize,
-        centre_m: [f32; 3],
-        normal: [f32; 3],
+        centre_m: Vec3,
+        normal: Vec3,
         radius_m: f32,
         half_cube_m: f32,
     ) -> Self {
@@ -58,38 +36,58 @@ impl Solid {
             let sectors = if ring == RINGS { 1 } else { SECTORS };
             for sector in 0..sectors {
                 let azimuth = sector as f32 / SECTORS as f32 * core::f32::consts::TAU;
-                let (a, b) = (out * libm::cosf(azimuth), out * libm::sinf(azimuth));
-                let direction: [f32; 3] =
-                    core::array::from_fn(|i| up * normal[i] + a * u[i] + b * v[i]);
-                let largest = direction.iter().fold(0.0f32, |m, d| m.max(d.abs()));
-                let reach = radius_m.min(half_cube_m / largest);
-                points_m.push(core::array::from_fn(|i| centre_m[i] + reach * direction[i]));
+                let d =
+                    normal * up + u * (out * libm::cosf(azimuth)) + v * (out * libm::sinf(azimuth));
+                let largest = d.x.abs().max(d.y.abs()).max(d.z.abs());
+                points_m.push(centre_m + d * radius_m.min(half_cube_m / largest));
             }
         }
         Self { body, points_m }
     }
+
+    /// The eight half-spheres of a meta-module, proximal before distal, cube 1 to 4; body 3 carries two.
+    #[must_use]
+    pub fn meta_module(robot: &RobotModel) -> Vec<Self> {
+        let origins = robot.body_origins_m();
+        // Joint of each cube's diagonal; the joint's proximal body carries the proximal half.
+        let cubes = [0usize, 2, 3, 5];
+        let halves = cubes
+            .iter()
+            .flat_map(|&joint| [(joint, joint, -1.0), (joint, joint + 1, 1.0)]);
+        halves
+            .map(|(joint, body, side)| {
+                let centre = robot.axis_points_m()[joint] - origins[body];
+                let mut half = Self::half_sphere(
+                    body,
+                    Vec3::ZERO,
+                    RobotModel::DIAGONAL * side,
+                    robot.ball_radius_m(),
+                    0.5 * robot.cube_m(),
+                );
+                for p in &mut half.points_m {
+                    // Module B, with its faces, is turned against module A by the twist.
+                    let turned = if joint >= 3 {
+                        robot.twist().apply(*p)
+                    } else {
+                        *p
+                    };
+                    *p = centre + turned;
+                }
+                half
+            })
+            .collect()
+    }
 }
 
 /// Two unit vectors that complete `n` to an orthogonal frame.
-fn tangents(n: [f32; 3]) -> ([f32; 3], [f32; 3]) {
-    let helper = if n[0].abs() < 0.9 {
-        [1.0, 0.0, 0.0]
+fn tangents(n: Vec3) -> (Vec3, Vec3) {
+    let x = Vec3::new(1.0, 0.0, 0.0);
+    let helper = if n.x.abs() < 0.9 {
+        x
     } else {
-        [0.0, 1.0, 0.0]
+        Vec3::new(0.0, 1.0, 0.0)
     };
-    let u = unit(cross(n, helper));
-    (u, cross(n, u))
-}
-
-fn cross(a: [f32; 3], b: [f32; 3]) -> [f32; 3] {
-    [
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    ]
-}
-
-fn unit(a: [f32; 3]) -> [f32; 3] {
-    let length = (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt();
-    a.map(|c| c / length)
+    let across = n.cross(helper);
+    let u = across * (1.0 / across.norm());
+    (u, n.cross(u))
 }

@@ -1,6 +1,7 @@
 //! The virtual overhead camera.
 
-use crate::{Pose, Silhouette, Solid};
+use crate::{Silhouette, Solid};
+use control::linalg::{Pose, Vec3};
 
 /// A pinhole camera that looks straight down; image x runs along the camera's x axis, image y against its y axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -107,17 +108,17 @@ impl View {
 
     /// Where a world point appears; `None` at or above the camera.
     #[must_use]
-    pub fn project(&self, p_m: [f32; 3]) -> Option<[f32; 2]> {
+    pub fn project(&self, p_m: Vec3) -> Option<[f32; 2]> {
         let (sin, cos) = (libm::sinf(self.yaw_rad), libm::cosf(self.yaw_rad));
         self.project_turned(p_m, sin, cos)
     }
 
-    fn project_turned(&self, p_m: [f32; 3], sin: f32, cos: f32) -> Option<[f32; 2]> {
-        let depth_m = self.height_m - p_m[2];
+    fn project_turned(&self, p_m: Vec3, sin: f32, cos: f32) -> Option<[f32; 2]> {
+        let depth_m = self.height_m - p_m.z;
         if depth_m <= 0.0 {
             return None;
         }
-        let (dx, dy) = (p_m[0] - self.x_m, p_m[1] - self.y_m);
+        let (dx, dy) = (p_m.x - self.x_m, p_m.y - self.y_m);
         let scale = self.focal_px / depth_m;
         Some([
             0.5 * self.width_px as f32 + scale * (cos * dx + sin * dy),
@@ -136,7 +137,7 @@ impl View {
                 continue;
             };
             outline.clear();
-            let world = solid.points_m.iter().map(|&p| pose.apply(p));
+            let world = solid.points_m.iter().map(|&p| pose.transform(p));
             outline.extend(world.filter_map(|p| self.project_turned(p, sin, cos)));
             frame.fill_hull(&mut outline);
         }

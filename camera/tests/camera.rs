@@ -3,22 +3,22 @@
 
 use camera::depth::{self, DepthError, DepthFrame, NO_READING, Samples};
 use camera::similarity::{gait_weight, mean_ratio, meta_fitness, ratio, repeatability};
-use camera::{Pose, Silhouette, Solid, View, picture};
-
-const DIAGONAL: [f32; 3] = [0.577_350_26; 3];
+use camera::{Silhouette, Solid, View, picture};
+use control::linalg::{Pose, Vec3};
+use control::robot::RobotModel;
 
 fn cube_halves() -> Vec<Solid> {
-    let other = DIAGONAL.map(|c| -c);
+    let diagonal = RobotModel::DIAGONAL;
     vec![
-        Solid::half_sphere(0, [0.0; 3], DIAGONAL, 0.062, 0.055),
-        Solid::half_sphere(0, [0.0; 3], other, 0.062, 0.055),
+        Solid::half_sphere(0, Vec3::ZERO, diagonal, 0.062, 0.055),
+        Solid::half_sphere(0, Vec3::ZERO, -diagonal, 0.062, 0.055),
     ]
 }
 
 fn at(x: f32, y: f32, z: f32) -> Pose {
     Pose {
-        position_m: [x, y, z],
-        ..Pose::IDENTITY
+        position_m: Vec3::new(x, y, z),
+        ..Pose::default()
     }
 }
 
@@ -36,7 +36,7 @@ fn a_cube_seen_from_far_has_the_area_of_its_cut_square() {
     let area_m2 = 4.0 * (a * half_chord) + 4.0 * 0.5 * r * r * corner_angle;
     // 1000 times farther with 1000 times the focal length: parallel projection at 2 px per mm.
     let view = View::new(1000.0, (0.0, 0.0), 0.0, (640, 480), 2.0e6).unwrap();
-    let area_px = f64::from(view.render(&cube_halves(), &[Pose::IDENTITY]).area_px());
+    let area_px = f64::from(view.render(&cube_halves(), &[Pose::default()]).area_px());
     let expected_px = area_m2 * 4.0e6;
     assert!(
         (area_px / expected_px - 1.0).abs() < 0.01,
@@ -47,10 +47,16 @@ fn a_cube_seen_from_far_has_the_area_of_its_cut_square() {
 #[test]
 fn image_axes_and_perspective_follow_the_pinhole() {
     let view = view(2.0);
-    assert_eq!(view.project([0.0, 0.0, 0.0]), Some([320.0, 240.0]));
-    assert_eq!(view.project([0.5, 0.0, 0.0]), Some([320.0 + 145.0, 240.0]));
-    assert_eq!(view.project([0.0, 0.5, 1.0]), Some([320.0, 240.0 - 290.0]));
-    assert_eq!(view.project([0.0, 0.0, 2.0]), None);
+    assert_eq!(view.project(Vec3::new(0.0, 0.0, 0.0)), Some([320.0, 240.0]));
+    assert_eq!(
+        view.project(Vec3::new(0.5, 0.0, 0.0)),
+        Some([320.0 + 145.0, 240.0])
+    );
+    assert_eq!(
+        view.project(Vec3::new(0.0, 0.5, 1.0)),
+        Some([320.0, 240.0 - 290.0])
+    );
+    assert_eq!(view.project(Vec3::new(0.0, 0.0, 2.0)), None);
     let turned = View::new(
         2.0,
         (0.0, 0.0),
@@ -59,7 +65,7 @@ fn image_axes_and_perspective_follow_the_pinhole() {
         580.0,
     )
     .unwrap();
-    let [x, y] = turned.project([0.0, 0.5, 0.0]).unwrap();
+    let [x, y] = turned.project(Vec3::new(0.0, 0.5, 0.0)).unwrap();
     assert!((x - 465.0).abs() < 1e-3 && (y - 240.0).abs() < 1e-3);
 }
 
@@ -199,4 +205,21 @@ fn pictures_read_back_and_show_the_papers_colours() {
     assert!(picture::film_strip_png(&[&robot, &robot], &[&simulated]).is_ok());
     assert!(picture::film_strip_png(&[], &[]).is_err());
     assert!(picture::read_silhouette_png(&png[..40]).is_err());
+}
+
+/// Lying at home the four cubes make one bar of four cut squares side by side.
+#[test]
+fn the_meta_module_at_home_is_a_bar_of_four_cubes() {
+    let robot = RobotModel::default();
+    let mut at_home = control::kinematics::forward(&robot, &[0.0; 6])
+        .bodies()
+        .to_vec();
+    let far = View::new(1000.0, (0.165, 0.0), 0.0, (2000, 480), 2.0e6).unwrap();
+    let one = far.render(&cube_halves(), &[Pose::default()]).area_px();
+    for pose in &mut at_home {
+        pose.position_m.z += 0.055;
+    }
+    let bar = far.render(&Solid::meta_module(&robot), &at_home).area_px();
+    let cubes = f64::from(bar) / f64::from(one);
+    assert!((3.9..=4.02).contains(&cubes), "{cubes} cubes");
 }
