@@ -1,0 +1,371 @@
+//! Frames: what is between two zero bytes.
+//!
+//! The envelope (header, CRC, COBS) is the same in every version for ever, so that a version mismatch can be named instead of looking like noise.
+
+use cobs::{CobsEncoder, DecodeResult, DecoderState};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use super::auth::{Key, Nonce, TAG_LEN};
+use crate::crc::crc32c;
+
+/// Protocol version of this crate. Not the release version: it changes when bytes change their meaning.
+pub const VERSION: u8 = 1;
+/// `source` of a host. Modules use their robot id, 1..=254.
+pub const SOURCE_HOST: u8 = 0;
+
+/// Bytes before the payload: version, source, sequence, boot id, type.
+pub const HEADER_LEN: usize = 9;
+/// Bytes of the checksum.
+pub const CRC_LEN: usize = 4;
+/// Largest payload. With it the body takes two COBS codes and a frame fits a 512 byte buffer.
+pub const MAX_PAYLOAD: usize = 492;
+/// Largest body before COBS.
+pub const MAX_BODY: usize = HEADER_LEN + MAX_PAYLOAD + CRC_LEN;
+/// Largest frame on the wire, both zeros included.
+pub const MAX_FRAME: usize = cobs::max_encoding_length(MAX_BODY) + 2;
+
+const _: () = assert!(MAX_BODY == 505 && MAX_FRAME == 509);
+// CRC-32C keeps Hamming distance 6 up to 655 bytes.
+const _: () = assert!(MAX_BODY <= 655);
+
+/// Envelope of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Header {
+    /// Protocol version of the sender.
+    pub version: u8,
+    /// [`SOURCE_HOST`] or the robot id.
+    pub source: u8,
+    /// Of a request: chosen by the host. Of a reply: the request's. Of anything else a module sends: its own running count.
+    pub sequence: u16,
+    /// The boot the frame belongs to: the module's, as told by `HelloAck`. A host that does not know it yet sends 0.
+    pub boot_id: u32,
+}
+
+/// A message of one direction.
+pub trait Message: Serialize + DeserializeOwned {
+    /// Types defined so far: 0..COUNT.
+    const COUNT: u8;
+    /// The type byte.
+    fn kind(&self) -> u8;
+}
+
+/// Why a message does not fit a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum EncodeError {
+    /// The output buffer is shorter than the frame; [`MAX_FRAME`] always suffices.
+    BufferTooSmall,
+    /// `encode_signed` of a message that carries no tag.
+    NotSignable,
+}
+
+/// Why a frame with a good checksum is no message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum DecodeError {
+    /// Another protocol version.
+    Version {
+        /// The sender's version.
+        theirs: u8,
+    },
+    /// A type this version does not know.
+    UnknownType {
+        /// The type byte.
+        kind: u8,
+    },
+    /// The payload is no value of this type.
+    Malformed,
+    /// The payload is longer than its message.
+    TrailingBytes,
+}
+
+/// What the receiver saw and threw away. Counts saturate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LinkCounters {
+    /// Frames with a good checksum.
+    pub frames: u32,
+    /// Wrong checksum.
+    pub bad_crc: u32,
+    /// COBS code that points past the delimiter, or fewer bytes than an envelope: the rest of a cut frame.
+    pub bad_framing: u32,
+    /// More bytes than the largest frame without a delimiter.
+    pub overflow: u32,
+    /// Another protocol version.
+    pub bad_version: u32,
+    /// Unknown type.
+    pub unknown_type: u32,
+    /// Payload that is no value of its type.
+    pub malformed: u32,
+    /// Payload longer than its message.
+    pub trailing_bytes: u32,
+    /// Frames of this end's own kind: an echo, or two hosts on one line.
+    pub foreign: u32,
+}
+
+impl LinkCounters {
+    /// Counts one frame that was no message.
+    pub fn count(&mut self, error: DecodeError) {
+        let counter = match error {
+            DecodeError::Version { .. } => &mut self.bad_version,
+            DecodeError::UnknownType { .. } => &mut self.unknown_type,
+            DecodeError::Malformed => &mut self.malformed,
+            DecodeError::TrailingBytes => &mut self.trailing_bytes,
+        };
+        *counter = counter.saturating_add(1);
+    }
+}
+
+/// One received frame with a good checksum; the message inside is not yet looked at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Frame<'a> {
+    /// Envelope.
+    pub header: Header,
+    /// Type byte, then payload.
+    message: &'a [u8],
+}
+
+impl<'a> Frame<'a> {
+    /// Checks length and checksum of a body (between COBS and message).
+    fn parse(body: &'a [u8]) -> Result<Self, FrameError> {
+        let (rest, crc) = body
+            .split_last_chunk::<CRC_LEN>()
+            .ok_or(FrameError::Short)?;
+        let (&[version, source, s0, s1, b0, b1, b2, b3], message) = rest
+            .split_first_chunk::<{ HEADER_LEN - 1 }>()
+            .ok_or(FrameError::Short)?;
+        if message.is_empty() {
+            return Err(FrameError::Short);
+        }
+        if crc32c(rest) != u32::from_le_bytes(*crc) {
+            return Err(FrameError::Crc);
+        }
+        let header = Header {
+            version,
+            source,
+            sequence: u16::from_le_bytes([s0, s1]),
+            boot_id: u32::from_le_bytes([b0, b1, b2, b3]),
+        };
+        Ok(Self { header, message })
+    }
+
+    /// The type byte.
+    #[must_use]
+    pub fn kind(&self) -> u8 {
+        self.message.first().copied().unwrap_or(u8::MAX)
+    }
+
+    /// The payload: the message without its type byte.
+    #[must_use]
+    pub fn payload(&self) -> &'a [u8] {
+        self.message.get(1..).unwrap_or(&[])
+    }
+
+    /// CRC-32C over type and payload: tells a repeated request from another one with the same number.
+    #[must_use]
+    pub fn fingerprint(&self) -> u32 {
+        crc32c(self.message)
+    }
+
+    /// The message inside.
+    ///
+    /// # Errors
+    /// [`DecodeError`]: another version, an unknown type, a payload that is not exactly one value of its type.
+    pub fn decode<M: Message>(&self) -> Result<M, DecodeError> {
+        if self.header.version != VERSION {
+            return Err(DecodeError::Version {
+                theirs: self.header.version,
+            });
+        }
+        if self.kind() >= M::COUNT {
+            return Err(DecodeError::UnknownType { kind: self.kind() });
+        }
+        match postcard::take_from_bytes::<M>(self.message) {
+            Ok((message, [])) => Ok(message),
+            Ok(_) => Err(DecodeError::TrailingBytes),
+            Err(_) => Err(DecodeError::Malformed),
+        }
+    }
+}
+
+enum FrameError {
+    Short,
+    Crc,
+}
+
+/// Finds frames in a stream of bytes, whatever the bytes are. Holds at most one frame.
+#[derive(Debug)]
+pub struct Decoder {
+    cobs: DecoderState,
+    body: [u8; MAX_BODY],
+    len: usize,
+    /// Discards up to the next delimiter.
+    skipping: bool,
+    counters: LinkCounters,
+}
+
+impl Default for Decoder {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Decoder {
+    /// A decoder that waits for a frame.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            cobs: DecoderState::Idle,
+            body: [0; MAX_BODY],
+            len: 0,
+            skipping: false,
+            counters: LinkCounters {
+                frames: 0,
+                bad_crc: 0,
+                bad_framing: 0,
+                overflow: 0,
+                bad_version: 0,
+                unknown_type: 0,
+                malformed: 0,
+                trailing_bytes: 0,
+                foreign: 0,
+            },
+        }
+    }
+
+    /// What was received and discarded so far.
+    #[must_use]
+    pub fn counters(&self) -> &LinkCounters {
+        &self.counters
+    }
+
+    /// Counts a frame whose message could not be used.
+    pub fn count(&mut self, error: DecodeError) {
+        self.counters.count(error);
+    }
+
+    /// Counts a frame that came from this end of the link.
+    pub fn count_foreign(&mut self) {
+        self.counters.foreign = self.counters.foreign.saturating_add(1);
+    }
+
+    /// Forgets a half-received frame: after a UART error or a reconnect. The next frame is found at its delimiter.
+    pub fn restart(&mut self) {
+        self.cobs = DecoderState::Idle;
+        self.len = 0;
+        self.skipping = true;
+    }
+
+    /// Takes one byte; returns a frame when this byte ended one with a good checksum.
+    pub fn push(&mut self, byte: u8) -> Option<Frame<'_>> {
+        if self.skipping {
+            self.skipping = byte != 0;
+            return None;
+        }
+        match self.cobs.feed(byte) {
+            Ok(DecodeResult::NoData) => None,
+            Ok(DecodeResult::DataStart) => {
+                self.len = 0;
+                None
+            }
+            Ok(DecodeResult::DataContinue(data)) => {
+                self.store(data);
+                None
+            }
+            Ok(DecodeResult::DataComplete) => self.complete(),
+            Err(_) => {
+                // The byte was a delimiter inside a run: the frame was cut here, and the next one may start.
+                self.counters.bad_framing = self.counters.bad_framing.saturating_add(1);
+                None
+            }
+        }
+    }
+
+    fn store(&mut self, data: u8) {
+        match self.body.get_mut(self.len) {
+            Some(place) => {
+                *place = data;
+                self.len = self.len.saturating_add(1);
+            }
+            None => {
+                self.counters.overflow = self.counters.overflow.saturating_add(1);
+                self.restart();
+            }
+        }
+    }
+
+    fn complete(&mut self) -> Option<Frame<'_>> {
+        let body = self.body.get(..self.len).unwrap_or(&[]);
+        let counter = match Frame::parse(body) {
+            Ok(frame) => {
+                self.counters.frames = self.counters.frames.saturating_add(1);
+                return Some(frame);
+            }
+            Err(FrameError::Short) => &mut self.counters.bad_framing,
+            Err(FrameError::Crc) => &mut self.counters.bad_crc,
+        };
+        *counter = counter.saturating_add(1);
+        None
+    }
+}
+
+/// Writes one frame into `out`; returns its length. `out` of [`MAX_FRAME`] bytes always suffices.
+///
+/// # Errors
+/// [`EncodeError::BufferTooSmall`].
+pub fn encode<M: Message>(
+    header: &Header,
+    message: &M,
+    out: &mut [u8],
+) -> Result<usize, EncodeError> {
+    let mut buffer = [0; 1 + MAX_PAYLOAD];
+    let used = postcard::to_slice(message, &mut buffer).map_err(|_| EncodeError::BufferTooSmall)?;
+    envelope(header, used, out)
+}
+
+/// As [`encode`], with the message's last field, its tag, replaced by the tag for this key and nonce.
+///
+/// # Errors
+/// [`EncodeError::NotSignable`] when the message is shorter than a tag, else as [`encode`].
+pub fn encode_signed<M: Message>(
+    header: &Header,
+    message: &M,
+    key: &Key,
+    nonce: &Nonce,
+    out: &mut [u8],
+) -> Result<usize, EncodeError> {
+    let mut buffer = [0; 1 + MAX_PAYLOAD];
+    let used = postcard::to_slice(message, &mut buffer).map_err(|_| EncodeError::BufferTooSmall)?;
+    let (signed, place) = used
+        .split_last_chunk_mut::<TAG_LEN>()
+        .ok_or(EncodeError::NotSignable)?;
+    let (kind, payload) = signed.split_first().ok_or(EncodeError::NotSignable)?;
+    *place = key.sign(nonce, *kind, payload).0;
+    envelope(header, used, out)
+}
+
+/// Header, message and CRC through COBS, between two zeros.
+fn envelope(header: &Header, message: &[u8], out: &mut [u8]) -> Result<usize, EncodeError> {
+    let mut head = [0; HEADER_LEN - 1];
+    let [s0, s1] = header.sequence.to_le_bytes();
+    let [b0, b1, b2, b3] = header.boot_id.to_le_bytes();
+    head.copy_from_slice(&[header.version, header.source, s0, s1, b0, b1, b2, b3]);
+
+    let mut crc = crate::crc::Crc32c::new();
+    crc.update(&head);
+    crc.update(message);
+
+    let (first, rest) = out.split_first_mut().ok_or(EncodeError::BufferTooSmall)?;
+    *first = 0;
+    let mut encoder = CobsEncoder::new(rest);
+    for part in [head.as_slice(), message, &crc.value().to_le_bytes()] {
+        encoder
+            .push(part)
+            .map_err(|_| EncodeError::BufferTooSmall)?;
+    }
+    let len = encoder.finalize();
+    *rest.get_mut(len).ok_or(EncodeError::BufferTooSmall)? = 0;
+    Ok(len.saturating_add(2))
+}

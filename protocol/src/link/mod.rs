@@ -1,0 +1,46 @@
+//! Host link: `0x00 COBS(version, source, sequence, boot id, type, payload, CRC-32C) 0x00`.
+//!
+//! * [`frame`]: bytes to frames and back. [`Decoder`] takes one byte at a time and finds the next frame after any damage.
+//! * [`message`]: [`ToModule`], [`FromModule`], [`Reject`]. The enums grow at the end only; a message is never edited.
+//! * [`auth`]: challenge, tag, key.
+//! * [`telemetry`]: [`Sample`], the delta-coded [`SampleBlock`], the log that holds blocks until they are drained.
+//! * [`server`]: module side; one dispatch over [`ModuleHandler`] for real firmware and emulators.
+//! * [`client`]: host side; sequence numbers, signing, decoding.
+
+pub mod auth;
+pub mod client;
+mod delta;
+pub mod event;
+pub mod frame;
+pub mod gait;
+pub mod message;
+pub mod reject;
+pub mod server;
+pub mod status;
+pub mod telemetry;
+
+pub use auth::{KEY_LEN, Key, NONCE_LEN, Nonce, TAG_LEN, Tag};
+pub use client::{Client, Received};
+pub use event::{EndReason, Event, EventKind, RunEnd};
+pub use frame::{
+    DecodeError, Decoder, EncodeError, Frame, Header, LinkCounters, MAX_FRAME, MAX_PAYLOAD,
+    Message, SOURCE_HOST, VERSION, encode, encode_signed,
+};
+pub use gait::{Digest, WireGait, WireLink, WireOscillator};
+pub use message::{BusStatus, FromModule, TelemetryRate, ToModule};
+pub use reject::{GaitField, GaitReject, Reject, StorageFault};
+pub use server::{
+    BusAnswer, Completed, ModuleHandler, Outcome, Port, Server, StartOrder, StoredGait,
+};
+pub use status::{
+    Counters, CrashKind, CrashRecord, Fault, FaultInfo, Hello, Info, ModuleState, ResetCause,
+    SlotInfo,
+};
+pub use telemetry::{MotorSample, Sample, SampleBlock};
+
+/// Joints of a meta-module.
+pub const JOINTS: usize = control::robot::JOINTS;
+/// Bit mask of all joints.
+pub const ALL_JOINTS: u8 = (1 << JOINTS) - 1;
+/// Gait slots a module may have at most.
+pub const MAX_SLOTS: usize = 8;

@@ -1,0 +1,586 @@
+//! Module side of the link: from bytes to calls of [`ModuleHandler`] and back to bytes. Real firmware and emulators share it.
+//!
+//! Everything that can be refused without knowing the robot is refused here: other versions and sessions, unknown types, wrong proofs, keys over
+//! radio, a second order while one is being carried out. What changes state is done once: the answer to the last such request is kept and given again.
+
+use heapless::Vec;
+
+use super::auth::{Key, Nonce, TAG_LEN};
+use super::frame::{
+    DecodeError, Decoder, Frame, Header, LinkCounters, MAX_FRAME, Message, SOURCE_HOST, VERSION,
+    encode,
+};
+use super::gait::{Digest, WireGait};
+use super::message::{BusStatus, FromModule, MAX_BUS_BYTES, MAX_EVENTS, TelemetryRate, ToModule};
+use super::reject::Reject;
+use super::status::{CrashRecord, Hello, Info, SlotInfo};
+use super::telemetry::SampleBlock;
+use super::{MAX_SLOTS, event::Event};
+
+/// The medium of a link, as the board knows it; a frame cannot claim it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Port {
+    /// A cable: whoever uses it holds the robot in his hands.
+    Wire,
+    /// Bluetooth or another radio: whoever is in range can send.
+    Radio,
+}
+
+/// How far an order got.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome<T = ()> {
+    /// Carried out.
+    Done(T),
+    /// Begun. The implementer calls [`Server::complete`] later; until then other orders are refused as busy.
+    Pending,
+}
+
+/// A start order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct StartOrder {
+    /// Slot to run.
+    pub slot: u8,
+    /// What the host believes is in it.
+    pub digest: Digest,
+    /// Lease, ms.
+    pub duration_ms: u32,
+    /// Telemetry of the run.
+    pub rate: TelemetryRate,
+    /// Wait before the first movement, ms.
+    pub countdown_ms: u16,
+}
+
+/// A committed gait.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct StoredGait {
+    /// Slot.
+    pub slot: u8,
+    /// Fingerprint of what was read back.
+    pub digest: Digest,
+    /// Whether it is now the active slot.
+    pub active: bool,
+}
+
+/// What a module can do. Every `Err` must mean that nothing has changed.
+pub trait ModuleHandler {
+    /// Who this is.
+    fn hello(&mut self) -> Hello;
+    /// State now. `counters.link` is filled in by the server.
+    fn info(&mut self) -> Info;
+    /// 16 bytes that nobody can foresee; never the same twice.
+    fn fresh_nonce(&mut self) -> Nonce;
+    /// The key, if one is set.
+    fn key(&self) -> Option<Key>;
+    /// An order with a wrong tag came.
+    fn bad_tag(&mut self, request: u8);
+    /// Stop, in any state. Must not fail.
+    fn stop(&mut self);
+    /// Validate, store, read back.
+    fn put_gait(
+        &mut self,
+        slot: u8,
+        activate: bool,
+        gait: &WireGait,
+    ) -> Result<Outcome<StoredGait>, Reject>;
+    /// What a slot holds.
+    fn get_gait(&mut self, slot: u8) -> Result<(Digest, WireGait), Reject>;
+    /// The active slot, and every slot.
+    fn slots(&mut self) -> (Option<u8>, Vec<Option<SlotInfo>, MAX_SLOTS>);
+    /// Make a slot the active one.
+    fn activate_slot(&mut self, slot: u8) -> Result<Outcome, Reject>;
+    /// Erase a slot.
+    fn erase_slot(&mut self, slot: u8) -> Result<Outcome, Reject>;
+    /// Arm and run.
+    fn start(&mut self, order: &StartOrder) -> Result<Outcome, Reject>;
+    /// Leave Fault or EStop.
+    fn clear_fault(&mut self) -> Result<Outcome, Reject>;
+    /// These joints are in the home pose.
+    fn zero(&mut self, joint_mask: u8) -> Result<Outcome, Reject>;
+    /// Change the live telemetry.
+    fn subscribe(&mut self, rate: TelemetryRate) -> Result<(), Reject>;
+    /// Appends events from number `since` on; returns the number to ask for next and how many of those asked for are lost.
+    fn events(&mut self, since: u32, into: &mut Vec<Event, MAX_EVENTS>) -> (u32, u32);
+    /// The block that holds sample `from` or the next one kept after it; an empty one at the end. Earlier samples may be forgotten.
+    fn drain(&mut self, from: u32) -> Result<SampleBlock, Reject>;
+    /// Send on the bus, listen.
+    fn bus_raw(&mut self, bytes: &[u8], listen_ms: u16) -> Result<Outcome<BusAnswer>, Reject>;
+    /// Store a key.
+    fn set_key(&mut self, key: &Key) -> Result<Outcome, Reject>;
+    /// Restart soon; the answer is still to be sent.
+    fn reset(&mut self) -> Result<Outcome, Reject>;
+    /// What survived the last crash.
+    fn crash(&mut self) -> Option<CrashRecord>;
+}
+
+/// What was heard on the bus.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BusAnswer {
+    /// How listening ended.
+    pub status: BusStatus,
+    /// Bytes heard.
+    pub bytes: Vec<u8, MAX_BUS_BYTES>,
+}
+
+/// The result of an order that was [`Outcome::Pending`].
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[allow(
+    clippy::large_enum_variant,
+    reason = "no heap to box into; one lives at a time"
+)]
+pub enum Completed {
+    /// Done, nothing to tell.
+    Ack,
+    /// A gait is stored.
+    GaitStored(StoredGait),
+    /// The bus answered.
+    Bus(BusAnswer),
+}
+
+impl Completed {
+    fn into_message(self, request: u8) -> FromModule {
+        match self {
+            Self::Ack => FromModule::Ack { request },
+            Self::GaitStored(StoredGait {
+                slot,
+                digest,
+                active,
+            }) => FromModule::GaitStored {
+                slot,
+                digest,
+                active,
+            },
+            Self::Bus(BusAnswer { status, bytes }) => FromModule::BusReply { status, bytes },
+        }
+    }
+}
+
+impl From<Outcome> for Option<Completed> {
+    fn from(outcome: Outcome) -> Self {
+        match outcome {
+            Outcome::Done(()) => Some(Completed::Ack),
+            Outcome::Pending => None,
+        }
+    }
+}
+
+/// Largest frame that answers a state-changing request: a `BusReply`.
+const MAX_KEPT: usize = cobs::max_encoding_length(13 + 1 + 2 + MAX_BUS_BYTES) + 2;
+
+/// The last state-changing request and its answer.
+#[derive(Debug)]
+struct Kept {
+    sequence: u16,
+    fingerprint: u32,
+    request: u8,
+    /// Empty while the order is being carried out.
+    answer: Vec<u8, MAX_KEPT>,
+    pending: bool,
+}
+
+/// One port's end of the link.
+#[derive(Debug)]
+pub struct Server {
+    port: Port,
+    robot_id: u8,
+    boot_id: u32,
+    decoder: Decoder,
+    nonce: Option<Nonce>,
+    kept: Option<Kept>,
+    next_sequence: u16,
+}
+
+enum Reply {
+    Message(FromModule),
+    /// The frame of the kept answer.
+    Again,
+    Nothing,
+}
+
+impl Server {
+    /// `robot_id` 1..=254, `boot_id` random per boot and not 0.
+    #[must_use]
+    pub const fn new(port: Port, robot_id: u8, boot_id: u32) -> Self {
+        Self {
+            port,
+            robot_id,
+            boot_id,
+            decoder: Decoder::new(),
+            nonce: None,
+            kept: None,
+            next_sequence: 0,
+        }
+    }
+
+    /// What was received and discarded so far.
+    #[must_use]
+    pub fn counters(&self) -> &LinkCounters {
+        self.decoder.counters()
+    }
+
+    /// Whether an order is being carried out.
+    #[must_use]
+    pub fn is_pending(&self) -> bool {
+        self.kept.as_ref().is_some_and(|kept| kept.pending)
+    }
+
+    /// Forgets a half-received frame: after a UART error or a reconnect.
+    pub fn restart(&mut self) {
+        self.decoder.restart();
+    }
+
+    /// Takes one byte; when it ended a frame for us, carries it out and returns the length of the answer in `out`.
+    /// `now_us` is the time of reception, us since boot.
+    pub fn push<H: ModuleHandler>(
+        &mut self,
+        byte: u8,
+        now_us: u64,
+        handler: &mut H,
+        out: &mut [u8; MAX_FRAME],
+    ) -> Option<usize> {
+        let frame = self.decoder.push(byte)?;
+        let header = frame.header;
+        if header.source != SOURCE_HOST {
+            self.decoder.count_foreign();
+            return None;
+        }
+        let fingerprint = frame.fingerprint();
+        let kind = frame.kind();
+        let decoded = frame.decode::<ToModule>();
+        let proof = Proof::check(&frame, &decoded, self.nonce.as_ref(), handler);
+        if let Err(error) = decoded {
+            self.decoder.count(error);
+        }
+        let is_stop = kind == ToModule::Stop.kind();
+        let reply = match decoded {
+            // Type numbers never change, so STOP is understood from any version and whatever follows it.
+            _ if is_stop => {
+                handler.stop();
+                Reply::Message(FromModule::Ack { request: kind })
+            }
+            Ok(message) => self.dispatch(&header, fingerprint, &message, proof, now_us, handler),
+            Err(error) => Reply::Message(FromModule::Nack {
+                request: kind,
+                reason: refusal(error),
+            }),
+        };
+        self.answer(header.sequence, reply, out)
+    }
+
+    /// Ends the pending order; returns the length of its answer in `out`. `None` when nothing was pending.
+    pub fn complete(
+        &mut self,
+        result: Result<Completed, Reject>,
+        out: &mut [u8; MAX_FRAME],
+    ) -> Option<usize> {
+        let kept = self.kept.as_ref().filter(|kept| kept.pending)?;
+        let (request, sequence) = (kept.request, kept.sequence);
+        let message = match result {
+            Ok(completed) => completed.into_message(request),
+            Err(reason) => FromModule::Nack { request, reason },
+        };
+        let len = self.write(sequence, &message, out)?;
+        self.keep(out.get(..len).unwrap_or(&[]));
+        Some(len)
+    }
+
+    /// Writes a message that answers nothing (sample, block, event, end of run) into `out`; returns its length.
+    pub fn send(&mut self, message: &FromModule, out: &mut [u8; MAX_FRAME]) -> Option<usize> {
+        let sequence = self.next_sequence;
+        self.next_sequence = sequence.wrapping_add(1);
+        self.write(sequence, message, out)
+    }
+
+    fn answer(&mut self, sequence: u16, reply: Reply, out: &mut [u8; MAX_FRAME]) -> Option<usize> {
+        match reply {
+            Reply::Nothing => None,
+            Reply::Message(message) => self.write(sequence, &message, out),
+            Reply::Again => {
+                let answer = &self.kept.as_ref()?.answer;
+                out.get_mut(..answer.len())?.copy_from_slice(answer);
+                Some(answer.len())
+            }
+        }
+    }
+
+    fn write(
+        &self,
+        sequence: u16,
+        message: &FromModule,
+        out: &mut [u8; MAX_FRAME],
+    ) -> Option<usize> {
+        let header = Header {
+            version: VERSION,
+            source: self.robot_id,
+            sequence,
+            boot_id: self.boot_id,
+        };
+        encode(&header, message, out).ok()
+    }
+
+    fn keep(&mut self, frame: &[u8]) {
+        if let Some(kept) = &mut self.kept {
+            kept.pending = false;
+            kept.answer.clear();
+            // MAX_KEPT is the largest answer of any state-changing request.
+            let _ = kept.answer.extend_from_slice(frame);
+        }
+    }
+
+    fn dispatch<H: ModuleHandler>(
+        &mut self,
+        header: &Header,
+        fingerprint: u32,
+        message: &ToModule,
+        proof: Proof,
+        now_us: u64,
+        handler: &mut H,
+    ) -> Reply {
+        let request = message.kind();
+        let nack = |reason| Reply::Message(FromModule::Nack { request, reason });
+        if header.boot_id != self.boot_id
+            && !matches!(message, ToModule::Hello { .. } | ToModule::GetInfo)
+        {
+            return nack(Reject::OtherSession);
+        }
+        if !message.changes_state() {
+            return Reply::Message(self.read(message, now_us, handler));
+        }
+        if let Some(kept) = &self.kept {
+            if kept.sequence == header.sequence && kept.fingerprint == fingerprint {
+                return if kept.pending {
+                    Reply::Nothing
+                } else {
+                    Reply::Again
+                };
+            }
+            if kept.pending {
+                return nack(Reject::Busy);
+            }
+        }
+        if let Err(reason) = self.admit(message, proof, handler) {
+            return nack(reason);
+        }
+        self.kept = Some(Kept {
+            sequence: header.sequence,
+            fingerprint,
+            request,
+            answer: Vec::new(),
+            pending: true,
+        });
+        let result = match carry_out(message, handler) {
+            Ok(None) => return Reply::Nothing,
+            Ok(Some(completed)) => Ok(completed),
+            Err(reason) => Err(reason),
+        };
+        let mut out = [0; MAX_FRAME];
+        match self.complete(result, &mut out) {
+            Some(_) => Reply::Again,
+            None => Reply::Nothing,
+        }
+    }
+
+    /// Whether a state-changing request may be carried out. An accepted tag consumes its nonce.
+    fn admit<H: ModuleHandler>(
+        &mut self,
+        message: &ToModule,
+        proof: Proof,
+        handler: &mut H,
+    ) -> Result<(), Reject> {
+        if message.tag().is_none() {
+            return match self.port {
+                Port::Wire => Ok(()),
+                Port::Radio => Err(Reject::WirePortOnly),
+            };
+        }
+        match (proof, self.port) {
+            (Proof::NoKey, Port::Wire) => Ok(()),
+            (Proof::NoKey, Port::Radio) => Err(Reject::NoKey),
+            (Proof::NoNonce, _) => Err(Reject::NoChallenge),
+            (Proof::Right, _) => {
+                self.nonce = None;
+                Ok(())
+            }
+            (Proof::Wrong, _) => {
+                handler.bad_tag(message.kind());
+                Err(Reject::BadTag)
+            }
+        }
+    }
+
+    /// Requests that change nothing but what this port sends.
+    fn read<H: ModuleHandler>(
+        &mut self,
+        message: &ToModule,
+        now_us: u64,
+        handler: &mut H,
+    ) -> FromModule {
+        let request = message.kind();
+        let nack = |reason| FromModule::Nack { request, reason };
+        match *message {
+            ToModule::Hello { protocol } if protocol != VERSION => nack(Reject::Version {
+                theirs: protocol,
+                ours: VERSION,
+            }),
+            ToModule::Hello { .. } => FromModule::Hello(handler.hello()),
+            ToModule::GetInfo => {
+                let mut info = handler.info();
+                info.counters.link = *self.decoder.counters();
+                FromModule::Info(info)
+            }
+            ToModule::GetChallenge => FromModule::Challenge {
+                nonce: *self.nonce.get_or_insert_with(|| handler.fresh_nonce()),
+            },
+            ToModule::GetGait { slot } => match handler.get_gait(slot) {
+                Ok((digest, gait)) => FromModule::GaitData { slot, digest, gait },
+                Err(reason) => nack(reason),
+            },
+            ToModule::ListSlots => {
+                let (active, slots) = handler.slots();
+                FromModule::Slots { active, slots }
+            }
+            ToModule::Ping { host_t_us } => FromModule::Pong {
+                host_t_us,
+                module_t_us: now_us,
+            },
+            ToModule::Subscribe { rate } => match handler.subscribe(rate) {
+                Ok(()) => FromModule::Ack { request },
+                Err(reason) => nack(reason),
+            },
+            ToModule::GetEvents { since } => {
+                let mut events = Vec::new();
+                let (next, lost) = handler.events(since, &mut events);
+                FromModule::Events { next, lost, events }
+            }
+            ToModule::Drain { from_sample } => match handler.drain(from_sample) {
+                Ok(block) => FromModule::SampleBlock(block),
+                Err(reason) => nack(reason),
+            },
+            ToModule::GetCrash => FromModule::Crash(handler.crash()),
+            // Stop is answered before; orders go through `carry_out`.
+            ToModule::Stop
+            | ToModule::PutGait { .. }
+            | ToModule::ActivateSlot { .. }
+            | ToModule::EraseSlot { .. }
+            | ToModule::Start { .. }
+            | ToModule::ClearFault { .. }
+            | ToModule::Zero { .. }
+            | ToModule::BusRaw { .. }
+            | ToModule::SetKey { .. }
+            | ToModule::Reset { .. } => nack(Reject::Unsupported),
+        }
+    }
+}
+
+/// State-changing requests. `None`: begun.
+fn carry_out<H: ModuleHandler>(
+    message: &ToModule,
+    handler: &mut H,
+) -> Result<Option<Completed>, Reject> {
+    match message {
+        ToModule::PutGait {
+            slot,
+            activate,
+            gait,
+            ..
+        } => Ok(match handler.put_gait(*slot, *activate, gait)? {
+            Outcome::Done(stored) => Some(Completed::GaitStored(stored)),
+            Outcome::Pending => None,
+        }),
+        ToModule::ActivateSlot { slot, .. } => handler.activate_slot(*slot).map(Into::into),
+        ToModule::EraseSlot { slot, .. } => handler.erase_slot(*slot).map(Into::into),
+        ToModule::Start {
+            slot,
+            digest,
+            duration_ms,
+            rate,
+            countdown_ms,
+            ..
+        } => handler
+            .start(&StartOrder {
+                slot: *slot,
+                digest: *digest,
+                duration_ms: *duration_ms,
+                rate: *rate,
+                countdown_ms: *countdown_ms,
+            })
+            .map(Into::into),
+        ToModule::ClearFault { .. } => handler.clear_fault().map(Into::into),
+        ToModule::Zero { joint_mask, .. } => handler.zero(*joint_mask).map(Into::into),
+        ToModule::BusRaw {
+            bytes, listen_ms, ..
+        } => Ok(match handler.bus_raw(bytes, *listen_ms)? {
+            Outcome::Done(answer) => Some(Completed::Bus(answer)),
+            Outcome::Pending => None,
+        }),
+        ToModule::SetKey { key } => handler.set_key(key).map(Into::into),
+        ToModule::Reset { .. } => handler.reset().map(Into::into),
+        ToModule::Hello { .. }
+        | ToModule::GetInfo
+        | ToModule::GetChallenge
+        | ToModule::GetGait { .. }
+        | ToModule::ListSlots
+        | ToModule::Stop
+        | ToModule::Ping { .. }
+        | ToModule::Subscribe { .. }
+        | ToModule::GetEvents { .. }
+        | ToModule::Drain { .. }
+        | ToModule::GetCrash => Err(Reject::Unsupported),
+    }
+}
+
+/// What the tag of an order is worth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Proof {
+    /// No key is set.
+    NoKey,
+    /// No challenge is open.
+    NoNonce,
+    /// Right.
+    Right,
+    /// Wrong, or the message carries none.
+    Wrong,
+}
+
+impl Proof {
+    /// Checks the bytes as received, not as re-encoded. The tag is the end of the payload.
+    fn check<H: ModuleHandler>(
+        frame: &Frame<'_>,
+        decoded: &Result<ToModule, DecodeError>,
+        nonce: Option<&Nonce>,
+        handler: &H,
+    ) -> Self {
+        let Some(tag) = decoded.as_ref().ok().and_then(ToModule::tag) else {
+            return Self::Wrong;
+        };
+        let Some(key) = handler.key() else {
+            return Self::NoKey;
+        };
+        let Some(nonce) = nonce else {
+            return Self::NoNonce;
+        };
+        let signed = frame
+            .payload()
+            .split_last_chunk::<TAG_LEN>()
+            .map_or(frame.payload(), |(signed, _)| signed);
+        if key.verify(nonce, frame.kind(), signed, tag) {
+            Self::Right
+        } else {
+            Self::Wrong
+        }
+    }
+}
+
+fn refusal(error: DecodeError) -> Reject {
+    match error {
+        DecodeError::Version { theirs } => Reject::Version {
+            theirs,
+            ours: VERSION,
+        },
+        DecodeError::UnknownType { kind } => Reject::UnknownType { kind },
+        DecodeError::Malformed => Reject::Malformed,
+        DecodeError::TrailingBytes => Reject::TrailingBytes,
+    }
+}
