@@ -5,6 +5,7 @@
 //! [`search`] owns the swarm and the archive, [`score`] the fitness, [`select`] the choice of gaits for the robot. What a trial is
 //! made of stays outside: a search takes anything that implements [`search::GaitTrials`].
 
+pub mod meta;
 pub mod score;
 pub mod search;
 pub mod select;

@@ -1,0 +1,123 @@
+//! The fit of Table II on a motion with known parameters.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+
+use control::gait::Gait;
+use control::linalg::{Pose, Vec3};
+use control::robot::RobotModel;
+use optimise::meta::{
+    FilmSettings, FilmedGait, Fit, Likeness, MetaError, Motion, MotionJob, MotionTrials, TableIii,
+    hand_tuned,
+};
+use optimise::space::GaitSpace;
+use optimise::table2::ROWS;
+
+/// A robot that drifts along x with a speed set by the friction row and bends its first joint by the P row.
+struct Drift;
+
+impl MotionTrials for Drift {
+    fn rate_hz(&self) -> f64 {
+        30.0
+    }
+
+    fn run(&self, jobs: &[MotionJob<'_>]) -> Vec<Option<Motion>> {
+        jobs.iter().map(|job| drift(job.parameters)).collect()
+    }
+}
+
+fn drift(parameters: &[f64; ROWS]) -> Option<Motion> {
+    let robot = RobotModel::default();
+    let frames = (0..330).map(|k| {
+        let t_s = k as f32 / 30.0;
+        let bend = (parameters[14] as f32 - 10.0) * 0.2;
+        let q = [0.0, 0.0, bend, 0.0, 0.4 * t_s, 0.0];
+        let x = 0.02 * parameters[2] as f32 * t_s - 0.165;
+        let base = Pose {
+            position_m: Vec3::new(x, 0.0, 0.1),
+            ..Pose::default()
+        };
+        *control::kinematics::forward(&robot, &q)
+            .rebased(3, &base)
+            .bodies()
+    });
+    Some(frames.collect())
+}
+
+fn settings() -> FilmSettings {
+    FilmSettings {
+        rate_hz: 30.0,
+        x_m: 0.0,
+        y_m: 0.0,
+        yaw_rad: 0.0,
+        width_px: 160,
+        height_px: 120,
+        focal_px: 145.0,
+        stride: 15,
+    }
+}
+
+fn gait() -> Gait {
+    GaitSpace::default().gait(&[0.1; 17], "any").unwrap()
+}
+
+fn truth() -> [f64; ROWS] {
+    let mut truth = hand_tuned();
+    (truth[2], truth[14], truth[20], truth[21]) = (2.2, 7.5, 2.27, 0.5);
+    truth
+}
+
+fn filmed(training: bool) -> FilmedGait {
+    let stand_in = [FilmedGait {
+        gait: gait(),
+        films: vec![],
+        weight: 1.0,
+        training: true,
+    }];
+    let likeness = Likeness::new(&stand_in, settings(), &RobotModel::default()).unwrap();
+    let film = likeness
+        .film(&drift(&truth()).unwrap(), 30.0, &truth(), 300, 1)
+        .unwrap();
+    FilmedGait::new(gait(), vec![film.clone(), film], 0.05, training).unwrap()
+}
+
+#[test]
+fn a_fit_of_four_rows_recovers_what_was_filmed() {
+    let gaits = [filmed(true), filmed(false)];
+    let likeness = Likeness::new(&gaits, settings(), &RobotModel::default()).unwrap();
+    let mut fit = Fit::start(&[3, 15, 21, 22], &hand_tuned(), 24, 5).unwrap();
+    let before = TableIii::new(&gaits, &likeness.ratios(&fit.best(), &Drift).unwrap());
+    for _ in 0..25 {
+        fit.iterate(&likeness, &Drift).unwrap();
+    }
+    let after = TableIii::new(&gaits, &likeness.ratios(&fit.best(), &Drift).unwrap());
+    assert!(
+        before.training < 0.7 && after.training > 0.95,
+        "{before:?} {after:?}"
+    );
+    assert!(
+        (after.test.unwrap() - after.training).abs() < 1e-9
+            && (after.all - after.training).abs() < 1e-9
+    );
+    let best = fit.best();
+    assert!(
+        (best[2] - 2.2).abs() < 0.15 && (best[14] - 7.5).abs() < 0.5,
+        "{best:?}"
+    );
+    assert_eq!(best[4], 0.325, "rows that are not fitted stay");
+    let stored: Fit = serde_json::from_str(&serde_json::to_string(&fit).unwrap()).unwrap();
+    assert_eq!(stored, fit);
+}
+
+#[test]
+fn wrong_rows_and_missing_training_are_refused() {
+    for rows in [&[0u8][..], &[23], &[3, 3]] {
+        assert!(matches!(
+            Fit::start(rows, &hand_tuned(), 4, 0),
+            Err(MetaError::Row { .. })
+        ));
+    }
+    let gaits = [filmed(false)];
+    assert!(matches!(
+        Likeness::new(&gaits, settings(), &RobotModel::default()),
+        Err(MetaError::NoTraining)
+    ));
+}
