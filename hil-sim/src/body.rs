@@ -88,18 +88,6 @@ impl Stand {
         }
     }
 
-    /// `count` joints that each turn two half-spheres in the air, without gravity.
-    #[must_use]
-    pub fn free(count: usize) -> Self {
-        // 2 x 0.325 kg (Table II) at the radius of gyration of a 110 mm cube about its centre: 0.65 * 0.11^2 / 6.
-        const CUBE_KG_M2: f64 = 1.31e-3;
-        Self::new(
-            (0..count)
-                .map(|_| StandJoint::inertia(CUBE_KG_M2))
-                .collect(),
-        )
-    }
-
     /// Places every joint at rest at `angle_rad`.
     pub fn place(&mut self, angle_rad: f64) {
         for link in &mut self.links {

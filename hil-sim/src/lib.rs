@@ -13,6 +13,7 @@
 pub mod body;
 pub mod bus;
 pub mod driver;
+pub mod effects;
 pub mod motor;
 pub mod plant;
 pub mod rng;

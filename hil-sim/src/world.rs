@@ -6,10 +6,10 @@
 
 use std::collections::VecDeque;
 
-use crate::body::Body;
+use crate::body::{Body, Stand, StandJoint};
 use crate::bus::{Bus, BusCounters, BusParams, Delivery, Talker};
 use crate::driver::{Driver, DriverParams, Sensors};
-use crate::motor::{JointParams, JointState, ParamError, current_limit_a};
+use crate::motor::{JointKind, JointParams, JointState, ParamError, current_limit_a};
 use crate::plant::Plant;
 use crate::supply::SupplyParams;
 
@@ -22,6 +22,31 @@ pub struct JointSetup {
     pub joint: JointParams,
     /// Electronics.
     pub driver: DriverParams,
+    /// What the joint carries when it stands alone ([`World::on_stand`]).
+    pub load: LoadParams,
+}
+
+/// One joint's load on the default stand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoadParams {
+    /// Inertia of what the joint carries [kg m2].
+    pub inertia_kg_m2: f64,
+    /// Gravity amplitude m g l [N m].
+    pub gravity_nm: f64,
+    /// Angle at which the load hangs down [rad].
+    pub hang_rad: f64,
+}
+
+impl Default for LoadParams {
+    fn default() -> Self {
+        // Two half-spheres in the air, turning about their cube's centre without gravity torque: 2 x 0.325 kg
+        // (Table II) at the radius of gyration of a 110 mm cube, 0.65 * 0.11^2 / 6.
+        Self {
+            inertia_kg_m2: 1.31e-3,
+            gravity_nm: 0.0,
+            hang_rad: 0.0,
+        }
+    }
 }
 
 /// A whole world but for its body.
@@ -39,6 +64,41 @@ pub struct WorldParams {
     pub supply: SupplyParams,
     /// Joints in body order.
     pub joints: Vec<JointSetup>,
+}
+
+impl WorldParams {
+    /// Six drives of a meta-module, addresses 1 to 6, each made by `joint` for its kind; everything else neutral.
+    #[must_use]
+    pub fn metamodule(seed: u64, joint: fn(JointKind) -> JointParams) -> Self {
+        Self::of(seed, &JointKind::METAMODULE.map(joint))
+    }
+
+    /// One joint alone, address 1; everything else neutral.
+    #[must_use]
+    pub fn bench(seed: u64, joint: JointParams) -> Self {
+        Self::of(seed, &[joint])
+    }
+
+    fn of(seed: u64, joints: &[JointParams]) -> Self {
+        let joints = joints
+            .iter()
+            .zip(1..)
+            .map(|(joint, id)| JointSetup {
+                id,
+                joint: joint.clone(),
+                driver: DriverParams::default(),
+                load: LoadParams::default(),
+            })
+            .collect();
+        Self {
+            seed,
+            step_ns: DEFAULT_STEP_NS,
+            body_every: 1,
+            bus: BusParams::default(),
+            supply: SupplyParams::default(),
+            joints,
+        }
+    }
 }
 
 /// Step of joints and body. Chosen: 80 times finer than the motors' mechanical time constant of about 4 ms.
@@ -68,6 +128,24 @@ pub struct World {
 }
 
 impl World {
+    /// A world at time 0 whose joints stand alone, each with its own load, at rest at 0 rad.
+    ///
+    /// # Errors
+    /// A joint parameter outside its range.
+    pub fn on_stand(params: &WorldParams) -> Result<Self, ParamError> {
+        let joints = params
+            .joints
+            .iter()
+            .map(|setup| StandJoint {
+                inertia_kg_m2: setup.load.inertia_kg_m2,
+                gravity_nm: setup.load.gravity_nm,
+                hang_rad: setup.load.hang_rad,
+                load: None,
+            })
+            .collect();
+        Self::new(params, Box::new(Stand::new(joints)))
+    }
+
     /// A world at time 0, every driver just powered, joints where the body says.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! The position loop of a driver, once per millisecond of the driver's own clock.
 //!
-//! Cascade: speed command = clamp(kp (set-point - position)), duty = kv (speed command - speed) + integral, limited.
-//! Without a limit in reach this is `kp kv (sp - q) - kv dq`, the "cascade" law of the data set format.
+//! Duty = kp kv (set-point - position) - kv speed + integral, limited: the "cascade" law of the data set format. The
+//! velocity limit bounds the speed of the set-point that the loop follows (X-series profile velocity).
 
 use std::collections::VecDeque;
 
@@ -16,7 +16,7 @@ pub struct ControlParams {
     pub ki_1_rad_s: f64,
     /// Largest duty, 0..=1.
     pub duty_limit: f64,
-    /// `velocity_limit`: largest speed command [rad/s]; neutral infinite.
+    /// `velocity_limit`: largest speed of the followed set-point [rad/s]; neutral infinite.
     pub velocity_limit_rad_s: f64,
     /// `loop_gain`: share of the error path's gain; neutral 1.
     pub loop_gain_ratio: f64,
@@ -56,6 +56,8 @@ impl Default for ControlParams {
 pub struct ControlState {
     integral_duty: f64,
     duty: f64,
+    /// Set-point under the velocity limit [rad].
+    followed_rad: Option<f64>,
     /// Speed estimate [rad/s].
     velocity_rad_s: f64,
     /// Newest position last.
@@ -76,6 +78,7 @@ impl ControlState {
     pub fn release(&mut self) {
         self.integral_duty = 0.0;
         self.duty = 0.0;
+        self.followed_rad = None;
     }
 
     /// Takes in an encoder position and updates the speed estimate. Called every tick, torque on or off.
@@ -104,6 +107,7 @@ impl ControlState {
     pub fn forget_positions(&mut self) {
         self.history.clear();
         self.velocity_rad_s = 0.0;
+        self.followed_rad = None;
     }
 
     /// One tick of the position loop: duty for a set-point and the position from [`Self::measure`].
@@ -114,7 +118,7 @@ impl ControlState {
         seen_rad: f64,
         dt_s: f64,
     ) -> f64 {
-        let raw_error = setpoint_rad - seen_rad;
+        let raw_error = self.follow(params, setpoint_rad, seen_rad, dt_s) - seen_rad;
         let half = params.deadband_half_width_rad;
         let error = if raw_error > half {
             raw_error - half
@@ -123,10 +127,9 @@ impl ControlState {
         } else {
             0.0
         };
-        let limit = params.velocity_limit_rad_s;
-        let command = (params.kp_1_s * error).clamp(-limit, limit);
         let proportional = params.kv_s_rad
-            * (params.loop_gain_ratio * command - params.damping_gain_ratio * self.velocity_rad_s);
+            * (params.loop_gain_ratio * params.kp_1_s * error
+                - params.damping_gain_ratio * self.velocity_rad_s);
         let integral = self.integral_duty + params.ki_1_rad_s * error * dt_s;
         let wanted = proportional + integral;
         let limited = wanted.clamp(-params.duty_limit, params.duty_limit);
@@ -145,6 +148,25 @@ impl ControlState {
             duty.clamp(-params.duty_limit, params.duty_limit),
             dt_s,
         )
+    }
+
+    /// The set-point that the loop follows under the velocity limit [rad].
+    fn follow(
+        &mut self,
+        params: &ControlParams,
+        setpoint_rad: f64,
+        seen_rad: f64,
+        dt_s: f64,
+    ) -> f64 {
+        let most = params.velocity_limit_rad_s * dt_s;
+        if most.is_infinite() {
+            self.followed_rad = Some(setpoint_rad);
+            return setpoint_rad;
+        }
+        let from = self.followed_rad.unwrap_or(seen_rad);
+        let next = from + (setpoint_rad - from).clamp(-most, most);
+        self.followed_rad = Some(next);
+        next
     }
 
     fn lag(&mut self, params: &ControlParams, duty: f64, dt_s: f64) -> f64 {

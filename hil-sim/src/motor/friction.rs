@@ -22,8 +22,8 @@ pub struct FrictionParams {
     pub asymmetry_nm_s_rad: f64,
     /// `quadratic_friction` [N m s2/rad2].
     pub quadratic_nm_s2_rad2: f64,
-    /// Outside the vocabulary: share by which Coulomb swells and shrinks over one output turn.
-    pub position_fraction: f64,
+    /// Outside the vocabulary: extra Coulomb friction that comes and goes with the angle, at its peak [N m].
+    pub position_nm: f64,
     /// Outside the vocabulary: swells per output turn.
     pub position_periods: f64,
 }
@@ -44,13 +44,16 @@ pub(super) fn step(params: &JointParams, state: &mut JointState, dt_s: f64) -> f
     let smooth_nm = viscous * speed + friction.quadratic_nm_s2_rad2 * speed * speed.abs();
 
     let load_nm = friction.load_fraction * state.transmitted_nm.abs();
-    let position =
-        friction.position_fraction * libm::sin(friction.position_periods * state.gear_rad);
+    let position_nm = if friction.position_nm > 0.0 {
+        0.5 * friction.position_nm * (1.0 + libm::sin(friction.position_periods * state.gear_rad))
+    } else {
+        0.0
+    };
     let coulomb_nm =
-        (friction.coulomb_nm * (1.0 + position) + towards * friction.asymmetry_nm + load_nm)
-            .max(0.0);
+        (friction.coulomb_nm + position_nm + towards * friction.asymmetry_nm + load_nm).max(0.0);
     let scale_nm = friction.coulomb_nm
         + friction.static_nm
+        + friction.position_nm
         + 0.5 * friction.asymmetry_nm.abs()
         + friction.load_fraction * params.motor.nominal_torque_nm;
     if scale_nm <= 0.0 {

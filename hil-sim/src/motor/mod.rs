@@ -88,7 +88,7 @@ pub struct JointState {
     pub bristle_rad: f64,
     /// Elastic part of the hysteretic spring [rad] (effect outside the vocabulary).
     pub hysteresis_rad: f64,
-    /// Share of the thermal budget used, 0..=1 (derating).
+    /// How far the motor has warmed up, 0..=1 (derating).
     pub heat: f64,
     /// Torque through the transmission in the last step, positive pushes the link towards + [N m].
     pub transmitted_nm: f64,
@@ -149,7 +149,7 @@ pub struct LinkDrive {
 pub fn step(params: &JointParams, state: &mut JointState, bridge: Bridge, dt_s: f64) -> LinkDrive {
     state.age_s += dt_s;
     electrical::step(params, state, bridge, dt_s);
-    thermal::step(params, state, dt_s);
+    thermal::step(params, state, bridge.enabled, dt_s);
     let motor_nm = electrical::output_torque_nm(params, state);
     let friction_nm = friction::step(params, state, dt_s);
     let armature = params.motor.reflected_inertia_kg_m2() * params.inertia_ratio;

@@ -206,7 +206,7 @@ impl JointParams {
                 0.0,
                 50.0,
             ),
-            ("position_friction.fraction", f.position_fraction, 0.0, 1.0),
+            ("position_friction.torque_nm", f.position_nm, 0.0, 20.0),
             ("position_friction.periods", f.position_periods, 0.0, 1e3),
             (
                 "torque_ripple.amplitude_nm",

@@ -23,7 +23,7 @@ pub struct ThermalParams {
     pub magnet_loss_per_k: f64,
 }
 
-pub(super) fn step(params: &JointParams, state: &mut JointState, dt_s: f64) {
+pub(super) fn step(params: &JointParams, state: &mut JointState, driven: bool, dt_s: f64) {
     let thermal = &params.thermal;
     let loss_w =
         state.current_a * state.current_a * electrical::winding_resistance_ohm(params, state);
@@ -35,11 +35,8 @@ pub(super) fn step(params: &JointParams, state: &mut JointState, dt_s: f64) {
     state.winding_c += (loss_w - to_case_w) / winding_j_k * dt_s;
     state.case_c += (to_case_w - to_ambient_w) / case_j_k * dt_s;
     if params.electrical.derating_fraction > 0.0 {
-        // Heat budget: first order towards the square of the load on the nominal current.
-        let nominal_a =
-            params.motor.nominal_torque_nm / (params.motor.kt_nm_a * params.motor.ratio);
-        let load = state.current_a / nominal_a;
-        let target = (load * load).min(1.0);
+        // Warm-up while driven, cooling while released.
+        let target = if driven { 1.0 } else { 0.0 };
         state.heat +=
             (target - state.heat) * (dt_s / params.electrical.derating_time_constant_s).min(1.0);
     }
