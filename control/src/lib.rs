@@ -15,10 +15,13 @@
 extern crate std;
 
 pub mod cpg;
+mod distance;
 pub mod gait;
+pub mod geometry;
 pub mod kinematics;
 pub mod linalg;
 pub mod math;
+pub mod precheck;
 pub mod robot;
 pub mod supervisor;
 mod supervisor_types;
