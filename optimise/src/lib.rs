@@ -9,5 +9,6 @@ pub mod meta;
 pub mod score;
 pub mod search;
 pub mod select;
+pub mod shard;
 pub mod space;
 pub mod table2;

@@ -4,8 +4,10 @@
 use optimise::score::{ScoreSettings, TrialOutcome};
 use optimise::search::{GaitJob, GaitTrials, Search};
 use optimise::select::{SelectSettings, Why, difference, select};
+use optimise::shard::{Exchange, Sharded};
 use optimise::space::{DIMENSIONS, GaitSpace};
 use optimise::table2::TABLE_II;
+use std::sync::{Arc, Barrier, Mutex};
 use swarm::{Purpose, stream, unit};
 
 /// A robot whose speed is known: it grows with the amplitude of joint 1 and with the nearness of its offset to 0.5 rad; joints 2 and
@@ -193,4 +195,63 @@ fn table_two_flags_the_papers_impossible_motors() {
             .enumerate()
             .all(|(i, row)| usize::from(row.number) == i + 1)
     );
+}
+
+/// Processes played by threads: a board everyone writes to, and two meetings per exchange.
+#[derive(Clone)]
+struct Threads {
+    rank: usize,
+    board: Arc<Mutex<Vec<Vec<u8>>>>,
+    meeting: Arc<Barrier>,
+}
+
+impl Exchange for Threads {
+    fn rank(&self) -> usize {
+        self.rank
+    }
+
+    fn size(&self) -> usize {
+        self.board.lock().unwrap().len()
+    }
+
+    fn all_gather(&self, mine: &[u8]) -> Vec<Vec<u8>> {
+        self.board.lock().unwrap()[self.rank] = mine.to_vec();
+        self.meeting.wait();
+        let all = self.board.lock().unwrap().clone();
+        self.meeting.wait();
+        all
+    }
+}
+
+#[test]
+fn any_number_of_processes_gives_the_same_bits() {
+    let alone = search(6);
+    for size in [1, 2, 3, 7] {
+        let board = Arc::new(Mutex::new(vec![Vec::new(); size]));
+        let meeting = Arc::new(Barrier::new(size));
+        let searches: Vec<Search> = std::thread::scope(|scope| {
+            let spawn = |rank| {
+                let exchange = Threads {
+                    rank,
+                    board: Arc::clone(&board),
+                    meeting: Arc::clone(&meeting),
+                };
+                scope.spawn(move || {
+                    let trials = Sharded::new(Known, exchange);
+                    let mut search = search(0);
+                    (0..6).for_each(|_| search.iterate(&trials));
+                    search
+                })
+            };
+            let handles: Vec<_> = (0..size).map(spawn).collect();
+            handles
+                .into_iter()
+                .map(|handle| handle.join().unwrap())
+                .collect()
+        });
+        assert!(
+            searches.iter().all(|search| *search == alone),
+            "{size} processes"
+        );
+    }
 }
