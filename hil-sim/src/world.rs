@@ -201,6 +201,16 @@ impl World {
         self.drivers.get(index)
     }
 
+    /// Driver `index` without the bus: tests, commissioning.
+    pub fn driver_mut(&mut self, index: usize) -> Option<&mut Driver> {
+        self.drivers.get_mut(index)
+    }
+
+    /// Jams or frees joint `index` at its present angle.
+    pub fn set_stall(&mut self, index: usize, jammed: bool) {
+        self.plant.set_jam(index, jammed);
+    }
+
     /// What the bus has seen.
     #[must_use]
     pub fn bus_counters(&self) -> &BusCounters {

@@ -1,0 +1,4 @@
+//! Emulated motors, drivers and bus against closed forms and their own promises.
+
+mod joint;
+mod position_loop;
