@@ -58,15 +58,14 @@ const WIDTHS: [u32; 10] = [16, 28, 28, 16, 14, 12, 12, 8, 8, 3];
 /// Offset of the temperature code.
 const TEMPERATURE_ZERO: i16 = 40;
 
-const _: () = {
-    let mut sum = 0;
-    let mut i = 0;
-    while i < WIDTHS.len() {
-        sum += WIDTHS[i];
-        i += 1;
+const fn sum(widths: &[u32]) -> u32 {
+    match widths {
+        [] => 0,
+        [first, rest @ ..] => *first + sum(rest),
     }
-    assert!(sum as usize == PACKED_LEN * 8 - PACKED_LEN.div_ceil(3));
-};
+}
+
+const _: () = assert!(sum(&WIDTHS) as usize == PACKED_LEN * 8 - PACKED_LEN.div_ceil(3));
 
 impl PackedFeedback {
     /// The block as it goes on the wire. Values beyond a field's width saturate.

@@ -192,6 +192,7 @@ pub struct Server {
     next_sequence: u16,
 }
 
+#[allow(clippy::large_enum_variant, reason = "no heap to box into")]
 enum Reply {
     Message(FromModule),
     /// The frame of the kept answer.
