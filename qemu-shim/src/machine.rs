@@ -1,0 +1,325 @@
+//! What the plugin adds to QEMU's `b-l475e-iot01a`: three USARTs with byte times, register files for PWR and FLASH,
+//! the level of the STOP input, and the lock-step with the host side.
+//!
+//! All of it runs under QEMU's big lock: MMIO callbacks, the timer, the reset handler. Guest time under `-icount` is a
+//! function of the instructions executed and of the timers, so every run with the same orders is the same run.
+
+use std::ffi::{CStr, c_int, c_uint, c_void};
+use std::io::BufReader;
+use std::os::unix::net::UnixStream;
+use std::sync::{Mutex, PoisonError};
+
+use crate::counters;
+use crate::ffi::{self, AccessImpl, AccessValid, MemoryRegionOps, MemoryRegionRoom, TimerRoom};
+use crate::options::Options;
+use crate::usart::{Transmitted, Usart};
+use crate::wire::{Cause, Order, Port, Report, TimedByte, WIRE_VERSION};
+
+/// Base address and interrupt number of each port (RM0351 tables 2 and 58): USART2, USART1, UART4.
+const USARTS: [(u64, c_int); 3] = [(0x4000_4400, 38), (0x4001_3800, 37), (0x4000_4c00, 52)];
+/// PWR and FLASH register blocks, which QEMU leaves out: address and the registers that do not reset to zero.
+const REGISTER_FILES: [(u64, &[(u64, u32)]); 2] =
+    [(0x4000_7000, &[(0x00, 0x0000_0200)]), (0x4002_2000, &[(0x00, 0x0000_0600), (0x14, 0xc000_0000)])];
+const BLOCK_BYTES: u64 = 0x400;
+/// Above QEMU's own models (priority 0 and 10).
+const PRIORITY: c_int = 10_000;
+/// STOP input: PD14.
+const STOP_GPIO: (&CStr, c_int) = (c"/machine/soc/gpiod", 14);
+const CPU_PATH: &CStr = c"/machine/soc/armv7m";
+/// A longer burst is reported in pieces, so that the host side hears of an endless sender.
+const BURST_LIMIT: usize = 256;
+/// Paint of cortex-m-rt's `paint-stack`.
+const STACK_PAINT: u32 = 0xcccc_cccc;
+
+/// A block of registers that only remember what was written.
+struct RegisterFile {
+    cells: [u32; (BLOCK_BYTES / 4) as usize],
+}
+
+struct Machine {
+    options: Options,
+    reader: BufReader<UnixStream>,
+    writer: UnixStream,
+    usarts: [Usart; 3],
+    files: [RegisterFile; 2],
+    interrupts: [*mut c_void; 3],
+    levels: [bool; 3],
+    stop_line: *mut c_void,
+    timer: *mut TimerRoom,
+    next_sync_ns: u64,
+}
+
+// SAFETY: the raw pointers are QEMU objects that live as long as the process, used under QEMU's big lock only.
+unsafe impl Send for Machine {}
+
+static MACHINE: Mutex<Option<Machine>> = Mutex::new(None);
+
+fn with_machine<T>(action: impl FnOnce(&mut Machine) -> T) -> Option<T> {
+    MACHINE.lock().unwrap_or_else(PoisonError::into_inner).as_mut().map(action)
+}
+
+fn now_ns() -> u64 {
+    // SAFETY: reads a clock; MMIO callbacks, timers and reset handlers may do so at any time.
+    let now = unsafe { ffi::qemu_clock_get_ns(ffi::CLOCK_VIRTUAL) };
+    u64::try_from(now).unwrap_or(0)
+}
+
+/// Connects to the host side and asks to be called when the machine is complete.
+pub(crate) fn install(options: Options) -> std::io::Result<()> {
+    let writer = UnixStream::connect(&options.socket)?;
+    let reader = BufReader::new(writer.try_clone()?);
+    let clock_hz = options.clock_hz;
+    let machine = Machine {
+        options,
+        reader,
+        writer,
+        usarts: std::array::from_fn(|_| Usart::new(clock_hz)),
+        files: std::array::from_fn(|index| RegisterFile::new(REGISTER_FILES[index].1)),
+        interrupts: [std::ptr::null_mut(); 3],
+        levels: [false; 3],
+        stop_line: std::ptr::null_mut(),
+        timer: Box::into_raw(Box::new(TimerRoom([0; 128]))),
+        next_sync_ns: 0,
+    };
+    *MACHINE.lock().unwrap_or_else(PoisonError::into_inner) = Some(machine);
+    let notifier = Box::new(ffi::Notifier { notify: machine_done, node: [std::ptr::null_mut(); 2] });
+    // SAFETY: the notifier lives for ever; QEMU links it into its list and calls it once.
+    unsafe { ffi::qemu_add_machine_init_done_notifier(Box::into_raw(notifier)) };
+    Ok(())
+}
+
+/// Sends the last report. Nothing can be done about a host side that is gone.
+pub(crate) fn finish() {
+    with_machine(|machine| {
+        let _ = machine.report(Cause::Final);
+    });
+}
+
+extern "C" fn machine_done(_notifier: *mut ffi::Notifier, _data: *mut c_void) {
+    with_machine(|machine| {
+        for (index, &(address, irq)) in USARTS.iter().enumerate() {
+            map(address, index);
+            machine.interrupts[index] = input_line(CPU_PATH, irq);
+        }
+        for (index, &(address, _)) in REGISTER_FILES.iter().enumerate() {
+            map(address, USARTS.len() + index);
+        }
+        machine.stop_line = input_line(STOP_GPIO.0, STOP_GPIO.1);
+        // SAFETY: `timer` is zeroed room of sufficient size that is never freed; a null group is the main loop's.
+        unsafe {
+            ffi::timer_init_full(
+                machine.timer,
+                std::ptr::null_mut(),
+                ffi::CLOCK_VIRTUAL,
+                ffi::SCALE_NS,
+                0,
+                timer_fired,
+                std::ptr::null_mut(),
+            );
+            ffi::qemu_register_reset(machine_reset, std::ptr::null_mut());
+        }
+        let hello = Report::new(Cause::Hello, u64::from(WIRE_VERSION));
+        let sent = hello.write(&mut machine.writer);
+        let answer = sent.and_then(|()| Order::read(&mut machine.reader));
+        machine.obey(answer);
+        machine.settle(0);
+    });
+}
+
+/// Lays our registers over an address of the machine. `index` counts the USARTs, then the register files.
+fn map(address: u64, index: usize) {
+    let ops = Box::new(MemoryRegionOps {
+        read: mmio_read,
+        write: mmio_write,
+        read_with_attrs: std::ptr::null(),
+        write_with_attrs: std::ptr::null(),
+        endianness: ffi::LITTLE_ENDIAN,
+        valid: AccessValid { min: 1, max: 4, unaligned: false, accepts: std::ptr::null() },
+        implemented: AccessImpl { min: 1, max: 4, unaligned: false },
+    });
+    let room = Box::into_raw(Box::new(MemoryRegionRoom([0; 1024])));
+    // SAFETY: the machine exists; region and ops are leaked on purpose and outlive it; the opaque pointer is a number.
+    unsafe {
+        ffi::memory_region_init_io(
+            room,
+            std::ptr::null_mut(),
+            Box::into_raw(ops),
+            std::ptr::without_provenance_mut(index),
+            c"rb-shim".as_ptr(),
+            BLOCK_BYTES,
+        );
+        ffi::memory_region_add_subregion_overlap(ffi::get_system_memory(), address, room, PRIORITY);
+    }
+}
+
+fn input_line(path: &CStr, number: c_int) -> *mut c_void {
+    let mut ambiguous = false;
+    // SAFETY: the machine is complete; both paths name devices of `b-l475e-iot01a`.
+    unsafe {
+        let device = ffi::object_resolve_path(path.as_ptr(), &mut ambiguous);
+        if device.is_null() {
+            eprintln!("rb-shim: QEMU has no {path:?}: this plugin needs machine b-l475e-iot01a of QEMU 10.0");
+            ffi::_exit(1);
+        }
+        ffi::qdev_get_gpio_in(device, number)
+    }
+}
+
+extern "C" fn mmio_read(opaque: *mut c_void, offset: u64, _width: c_uint) -> u64 {
+    let now = now_ns();
+    with_machine(|machine| {
+        let index = opaque.addr();
+        match index.checked_sub(USARTS.len()) {
+            None => {
+                machine.advance(now);
+                let value = machine.usarts[index].read(offset);
+                machine.settle(now);
+                u64::from(value)
+            }
+            Some(file) => machine.files[file].read(offset),
+        }
+    })
+    .unwrap_or(0)
+}
+
+extern "C" fn mmio_write(opaque: *mut c_void, offset: u64, value: u64, width: c_uint) {
+    let now = now_ns();
+    with_machine(|machine| {
+        let index = opaque.addr();
+        match index.checked_sub(USARTS.len()) {
+            None => {
+                machine.advance(now);
+                machine.usarts[index].write(offset, value as u32, now);
+                machine.settle(now);
+            }
+            Some(file) => machine.files[file].write(offset, value as u32, width),
+        }
+    });
+}
+
+extern "C" fn timer_fired(_opaque: *mut c_void) {
+    let now = now_ns();
+    with_machine(|machine| {
+        machine.advance(now);
+        if now >= machine.next_sync_ns || machine.usarts.iter().any(|u| u.has_news(BURST_LIMIT)) {
+            let answer = machine.report(Cause::Sync).and_then(|()| Order::read(&mut machine.reader));
+            machine.obey(answer);
+        }
+        machine.settle(now);
+    });
+}
+
+extern "C" fn machine_reset(_opaque: *mut c_void) {
+    let now = now_ns();
+    with_machine(|machine| {
+        machine.usarts.iter_mut().for_each(Usart::reset);
+        machine.files = std::array::from_fn(|index| RegisterFile::new(REGISTER_FILES[index].1));
+        machine.settle(now);
+    });
+}
+
+impl Machine {
+    fn advance(&mut self, now: u64) {
+        self.usarts.iter_mut().for_each(|u| u.advance(now));
+    }
+
+    /// After any change: interrupt lines to their levels, timer to the next event.
+    fn settle(&mut self, now: u64) {
+        for ((usart, &line), level) in self.usarts.iter().zip(&self.interrupts).zip(&mut self.levels) {
+            if usart.interrupt() != *level {
+                *level = usart.interrupt();
+                // SAFETY: the line is an input of the interrupt controller, looked up when the machine was complete.
+                unsafe { ffi::qemu_set_irq(line, c_int::from(*level)) };
+            }
+        }
+        let next = self.usarts.iter().filter_map(Usart::next_event_ns).min().unwrap_or(u64::MAX);
+        // A burst that ended inside an MMIO access is reported by the timer, at once.
+        let news = self.usarts.iter().any(|u| u.has_news(BURST_LIMIT));
+        let at = if news { now } else { next.min(self.next_sync_ns) };
+        // SAFETY: the timer was initialised when the machine was complete.
+        unsafe {
+            match i64::try_from(at) {
+                Ok(at) => ffi::timer_mod_ns(self.timer, at),
+                Err(_) => ffi::timer_del(self.timer),
+            }
+        }
+    }
+
+    fn report(&mut self, cause: Cause) -> std::io::Result<()> {
+        let (instructions, regions) = counters::read();
+        let mut report = Report::new(cause, now_ns());
+        report.instructions = instructions;
+        for (index, port) in Port::ALL.into_iter().enumerate() {
+            let usart = &mut self.usarts[index];
+            report.byte_ns[index] = usart.byte_ns();
+            report.overruns[index] = usart.overruns();
+            let sent = usart.take_sent().into_iter();
+            report.sent.extend(sent.map(|s| TimedByte { port, byte: s.byte, end_ns: s.end_ns }));
+        }
+        if cause == Cause::Final {
+            report.regions = regions;
+            report.stack_untouched = self.options.stack.map_or(u64::MAX, untouched_stack);
+        }
+        report.write(&mut self.writer)
+    }
+
+    fn obey(&mut self, answer: std::io::Result<Order>) {
+        let order = match answer {
+            Ok(order) => order,
+            Err(error) => {
+                eprintln!("rb-shim: the host side is gone: {error}");
+                // SAFETY: ends the process; there is nothing left to simulate for.
+                unsafe { ffi::_exit(1) }
+            }
+        };
+        if order.quit {
+            let sent = self.report(Cause::Final);
+            // SAFETY: ends the process without QEMU's own clean-up, which needs its main thread.
+            unsafe { ffi::_exit(c_int::from(sent.is_err())) }
+        }
+        for (index, port) in Port::ALL.into_iter().enumerate() {
+            let bytes = order.bytes.iter().filter(|b| b.port == port);
+            self.usarts[index].schedule(bytes.map(|b| Transmitted { byte: b.byte, end_ns: b.end_ns }));
+        }
+        self.next_sync_ns = order.next_sync_ns;
+        // SAFETY: the line is an input of the GPIO port, looked up when the machine was complete; a reset request is
+        // honoured by the main loop later.
+        unsafe {
+            ffi::qemu_set_irq(self.stop_line, c_int::from(order.stop_open));
+            if order.reset {
+                ffi::qemu_system_reset_request(ffi::RESET_CAUSE_GUEST);
+            }
+        }
+    }
+}
+
+impl RegisterFile {
+    fn new(initial: &[(u64, u32)]) -> Self {
+        let mut file = RegisterFile { cells: [0; (BLOCK_BYTES / 4) as usize] };
+        for &(offset, value) in initial {
+            file.cells[(offset / 4) as usize] = value;
+        }
+        file
+    }
+
+    fn read(&self, offset: u64) -> u64 {
+        let cell = self.cells.get((offset / 4) as usize).copied().unwrap_or(0);
+        u64::from(cell >> (8 * (offset % 4)))
+    }
+
+    fn write(&mut self, offset: u64, value: u32, width: c_uint) {
+        let shift = 8 * (offset % 4);
+        let mask = (u64::MAX >> (64 - 8 * u64::from(width.clamp(1, 4)))) << shift;
+        if let Some(cell) = self.cells.get_mut((offset / 4) as usize) {
+            *cell = ((u64::from(*cell) & !mask) | ((u64::from(value) << shift) & mask)) as u32;
+        }
+    }
+}
+
+/// Bytes at the low end of the stack that still carry their paint.
+fn untouched_stack((low, high): (u64, u64)) -> u64 {
+    let mut words = vec![0_u32; ((high - low) / 4) as usize];
+    // SAFETY: the buffer has room for the bytes asked for; the range lies in the guest's SRAM.
+    unsafe { ffi::cpu_physical_memory_rw(low, words.as_mut_ptr().cast(), 4 * words.len() as u64, false) };
+    4 * words.iter().take_while(|&&w| u32::from_le(w) == STACK_PAINT).count() as u64
+}
