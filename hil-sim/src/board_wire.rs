@@ -41,7 +41,10 @@ impl Port {
     }
 
     fn from_number(number: u8) -> io::Result<Self> {
-        Port::ALL.get(usize::from(number)).copied().ok_or_else(|| bad("unknown port number"))
+        Port::ALL
+            .get(usize::from(number))
+            .copied()
+            .ok_or_else(|| bad("unknown port number"))
     }
 }
 
@@ -95,6 +98,8 @@ pub struct Report {
     pub sent: Vec<TimedByte>,
     /// Bytes lost in the guest because it read too late, per port.
     pub overruns: [u64; 3],
+    /// Only in the last message: resets by the watchdog.
+    pub watchdog_bites: u64,
     /// Only in the last message: the counted regions, in the order of the plugin's options.
     pub regions: Vec<RegionCount>,
     /// Only in the last message: bytes of stack never written; `u64::MAX` when not asked for.
@@ -110,6 +115,10 @@ pub struct Order {
     pub stop_open: bool,
     /// Reset the guest now, as the reset pin would.
     pub reset: bool,
+    /// What the battery's voltage converts to, 0..=4095.
+    pub battery_sample: u16,
+    /// Words of the slot store to make unreadable, by their first byte.
+    pub damage: Vec<u32>,
     /// Report at this guest time at the latest, nanoseconds.
     pub next_sync_ns: u64,
     /// Every byte on its way to the guest, in order of time per port.
@@ -151,6 +160,10 @@ fn read_u64(from: &mut impl Read) -> io::Result<u64> {
     Ok(u64::from_le_bytes(b))
 }
 
+fn read_small<T: TryFrom<u64>>(from: &mut impl Read) -> io::Result<T> {
+    T::try_from(read_u64(from)?).map_err(|_| bad("number out of range"))
+}
+
 fn read_count(from: &mut impl Read, limit: u32) -> io::Result<u64> {
     let count = read_u64(from)?;
     if count > u64::from(limit) {
@@ -163,7 +176,11 @@ fn read_bytes(from: &mut impl Read) -> io::Result<Vec<TimedByte>> {
     let count = read_count(from, MAX_BYTES)?;
     (0..count)
         .map(|_| {
-            Ok(TimedByte { port: Port::from_number(read_u8(from)?)?, byte: read_u8(from)?, end_ns: read_u64(from)? })
+            Ok(TimedByte {
+                port: Port::from_number(read_u8(from)?)?,
+                byte: read_u8(from)?,
+                end_ns: read_u64(from)?,
+            })
         })
         .collect()
 }
@@ -191,6 +208,7 @@ impl Report {
             byte_ns: [0; 3],
             sent: Vec::new(),
             overruns: [0; 3],
+            watchdog_bites: 0,
             regions: Vec::new(),
             stack_untouched: u64::MAX,
         }
@@ -212,9 +230,12 @@ impl Report {
         self.byte_ns.iter().for_each(|&v| out.u64(v));
         out.bytes(&self.sent);
         self.overruns.iter().for_each(|&v| out.u64(v));
+        out.u64(self.watchdog_bites);
         out.u64(self.regions.len() as u64);
         for r in &self.regions {
-            [r.runs, r.min, r.max, r.sum].iter().for_each(|&v| out.u64(v));
+            [r.runs, r.min, r.max, r.sum]
+                .iter()
+                .for_each(|&v| out.u64(v));
         }
         out.u64(self.stack_untouched);
         to.write_all(&out.0)?;
@@ -237,6 +258,7 @@ impl Report {
         let byte_ns = read_three(from)?;
         let sent = read_bytes(from)?;
         let overruns = read_three(from)?;
+        let watchdog_bites = read_u64(from)?;
         let count = read_count(from, MAX_REGIONS)?;
         let regions = (0..count)
             .map(|_| {
@@ -249,7 +271,17 @@ impl Report {
             })
             .collect::<io::Result<Vec<_>>>()?;
         let stack_untouched = read_u64(from)?;
-        Ok(Report { cause, now_ns, instructions, byte_ns, sent, overruns, regions, stack_untouched })
+        Ok(Report {
+            cause,
+            now_ns,
+            instructions,
+            byte_ns,
+            sent,
+            overruns,
+            watchdog_bites,
+            regions,
+            stack_untouched,
+        })
     }
 }
 
@@ -263,6 +295,11 @@ impl Order {
         out.u8(u8::from(self.quit));
         out.u8(u8::from(self.stop_open));
         out.u8(u8::from(self.reset));
+        out.u64(u64::from(self.battery_sample));
+        out.u64(self.damage.len() as u64);
+        self.damage
+            .iter()
+            .for_each(|&byte| out.u64(u64::from(byte)));
         out.u64(self.next_sync_ns);
         out.bytes(&self.bytes);
         to.write_all(&out.0)?;
@@ -278,6 +315,10 @@ impl Order {
             quit: read_bool(from)?,
             stop_open: read_bool(from)?,
             reset: read_bool(from)?,
+            battery_sample: read_small(from)?,
+            damage: (0..read_count(from, MAX_BYTES)?)
+                .map(|_| read_small(from))
+                .collect::<io::Result<_>>()?,
             next_sync_ns: read_u64(from)?,
             bytes: read_bytes(from)?,
         })

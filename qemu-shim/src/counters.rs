@@ -29,10 +29,16 @@ pub(crate) fn install(id: PluginId, regions: &[RegionOption]) {
     let score = unsafe { ffi::qemu_plugin_scoreboard_new(size_of::<u64>()) };
     let regions = regions
         .iter()
-        .map(|option| Region { option: option.clone(), opened_at: None, count: RegionCount::default() })
+        .map(|option| Region {
+            option: option.clone(),
+            opened_at: None,
+            count: RegionCount::default(),
+        })
         .collect();
-    *COUNTERS.lock().unwrap_or_else(PoisonError::into_inner) =
-        Some(Counters { total: PluginU64 { score, offset: 0 }, regions });
+    *COUNTERS.lock().unwrap_or_else(PoisonError::into_inner) = Some(Counters {
+        total: PluginU64 { score, offset: 0 },
+        regions,
+    });
     // SAFETY: `id` is the one QEMU gave to the installation; the callback has the right type.
     unsafe { ffi::qemu_plugin_register_vcpu_tb_trans_cb(id, translated) };
 }
@@ -49,7 +55,9 @@ pub(crate) fn read() -> (u64, Vec<RegionCount>) {
 
 extern "C" fn translated(_id: PluginId, tb: *mut Opaque) {
     let guard = COUNTERS.lock().unwrap_or_else(PoisonError::into_inner);
-    let Some(counters) = guard.as_ref() else { return };
+    let Some(counters) = guard.as_ref() else {
+        return;
+    };
     // SAFETY: QEMU passes a translation block that is valid during this call.
     let count = unsafe { ffi::qemu_plugin_tb_n_insns(tb) };
     for index in 0..count {
@@ -67,7 +75,11 @@ extern "C" fn translated(_id: PluginId, tb: *mut Opaque) {
                 1,
             );
         }
-        if counters.regions.iter().any(|r| r.option.begin == address || r.option.ends.contains(&address)) {
+        if counters
+            .regions
+            .iter()
+            .any(|r| r.option.begin == address || r.option.ends.contains(&address))
+        {
             // SAFETY: as above; the user pointer carries a guest address and is never dereferenced.
             unsafe {
                 ffi::qemu_plugin_register_vcpu_insn_exec_cb(
@@ -84,7 +96,9 @@ extern "C" fn translated(_id: PluginId, tb: *mut Opaque) {
 extern "C" fn visited(_vcpu: c_uint, user: *mut c_void) {
     let address = user.addr() as u64;
     let mut guard = COUNTERS.lock().unwrap_or_else(PoisonError::into_inner);
-    let Some(counters) = guard.as_mut() else { return };
+    let Some(counters) = guard.as_mut() else {
+        return;
+    };
     // SAFETY: the scoreboard was made at installation and is never freed.
     let now = unsafe { ffi::qemu_plugin_u64_sum(counters.total) };
     for region in &mut counters.regions {
@@ -101,7 +115,11 @@ extern "C" fn visited(_vcpu: c_uint, user: *mut c_void) {
 
 impl RegionCount {
     fn add(&mut self, instructions: u64) {
-        self.min = if self.runs == 0 { instructions } else { self.min.min(instructions) };
+        self.min = if self.runs == 0 {
+            instructions
+        } else {
+            self.min.min(instructions)
+        };
         self.max = self.max.max(instructions);
         self.sum += instructions;
         self.runs += 1;

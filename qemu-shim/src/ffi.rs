@@ -81,7 +81,10 @@ pub(crate) struct TimerRoom(pub(crate) [u8; 128]);
 
 unsafe extern "C" {
     // Plugin API.
-    pub(crate) fn qemu_plugin_register_vcpu_tb_trans_cb(id: PluginId, callback: extern "C" fn(PluginId, *mut Opaque));
+    pub(crate) fn qemu_plugin_register_vcpu_tb_trans_cb(
+        id: PluginId,
+        callback: extern "C" fn(PluginId, *mut Opaque),
+    );
     pub(crate) fn qemu_plugin_register_atexit_cb(
         id: PluginId,
         callback: extern "C" fn(PluginId, *mut c_void),
@@ -126,6 +129,11 @@ unsafe extern "C" {
     );
     pub(crate) fn object_resolve_path(path: *const c_char, ambiguous: *mut bool) -> *mut c_void;
     pub(crate) fn qdev_get_gpio_in(device: *mut c_void, n: c_int) -> *mut c_void;
+    pub(crate) fn qdev_get_gpio_in_named(
+        device: *mut c_void,
+        name: *const c_char,
+        n: c_int,
+    ) -> *mut c_void;
     pub(crate) fn qemu_set_irq(irq: *mut c_void, level: c_int);
     pub(crate) fn timer_init_full(
         timer: *mut TimerRoom,
@@ -139,6 +147,11 @@ unsafe extern "C" {
     pub(crate) fn timer_mod_ns(timer: *mut TimerRoom, expire_ns: i64);
     pub(crate) fn timer_del(timer: *mut TimerRoom);
     pub(crate) fn qemu_clock_get_ns(clock: c_int) -> i64;
-    pub(crate) fn cpu_physical_memory_rw(address: u64, buffer: *mut c_void, length: u64, write: bool);
+    pub(crate) fn cpu_physical_memory_rw(
+        address: u64,
+        buffer: *mut c_void,
+        length: u64,
+        write: bool,
+    );
     pub(crate) fn _exit(code: c_int) -> !;
 }

@@ -4,12 +4,14 @@
 //! Loaded with `-plugin librb_qemu_shim.so,socket=PATH,…`, it lets the unmodified firmware image run on the machine
 //! `b-l475e-iot01a` of QEMU 10.0:
 //!
-//! * `machine`: USART models with byte times, PWR and FLASH register files, the STOP input, the lock-step;
+//! * `machine`: the blocks in QEMU's memory map, the STOP input, the lock-step;
+//! * `usart`, `blocks`: register models: USARTs with byte times, flash, watchdog, ADC, RNG;
 //! * `counters`: instructions between two addresses.
 //!
 //! It uses the plugin API and some functions that the QEMU binary happens to export. The layouts it relies on are those
 //! of 10.0: pin the package. Guest time is `-icount` time; the host side of the socket is `hil_sim::board`.
 
+mod blocks;
 mod counters;
 mod ffi;
 mod machine;
@@ -37,11 +39,17 @@ pub unsafe extern "C" fn qemu_plugin_install(
 ) -> c_int {
     let count = usize::try_from(argc).unwrap_or(0);
     // SAFETY: the caller passes `argc` strings that live during this call.
-    let arguments = (0..count).map(|index| unsafe { CStr::from_ptr(*argv.add(index)) }.to_str().unwrap_or("?"));
+    let arguments = (0..count).map(|index| {
+        unsafe { CStr::from_ptr(*argv.add(index)) }
+            .to_str()
+            .unwrap_or("?")
+    });
     let options = match options::parse(arguments) {
         Ok(options) => options,
         Err(error) => {
-            eprintln!("rb-shim: {error:?}; options are socket=PATH[,clock=HZ][,region=BEGIN:END+END][,stack=LOW:HIGH]");
+            eprintln!(
+                "rb-shim: {error:?}; options are socket=PATH[,clock=HZ][,seed=N][,region=BEGIN:END+END][,stack=LOW:HIGH]"
+            );
             return 1;
         }
     };

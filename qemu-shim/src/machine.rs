@@ -1,5 +1,5 @@
-//! What the plugin adds to QEMU's `b-l475e-iot01a`: three USARTs with byte times, register files for PWR and FLASH,
-//! the level of the STOP input, and the lock-step with the host side.
+//! What the plugin adds to QEMU's `b-l475e-iot01a`: three USARTs with byte times, the blocks of
+//! [`crate::blocks`], the level of the STOP input, and the lock-step with the host side.
 //!
 //! All of it runs under QEMU's big lock: MMIO callbacks, the timer, the reset handler. Guest time under `-icount` is a
 //! function of the instructions executed and of the timers, so every run with the same orders is the same run.
@@ -9,6 +9,7 @@ use std::io::BufReader;
 use std::os::unix::net::UnixStream;
 use std::sync::{Mutex, PoisonError};
 
+use crate::blocks::{Adc, Flash, RegisterFile, Rng, STORE_ADDRESS, STORE_BYTES, Watchdog};
 use crate::counters;
 use crate::ffi::{self, AccessImpl, AccessValid, MemoryRegionOps, MemoryRegionRoom, TimerRoom};
 use crate::options::Options;
@@ -17,10 +18,18 @@ use crate::wire::{Cause, Order, Port, Report, TimedByte, WIRE_VERSION};
 
 /// Base address and interrupt number of each port (RM0351 tables 2 and 58): USART2, USART1, UART4.
 const USARTS: [(u64, c_int); 3] = [(0x4000_4400, 38), (0x4001_3800, 37), (0x4000_4c00, 52)];
-/// PWR and FLASH register blocks, which QEMU leaves out: address and the registers that do not reset to zero.
-const REGISTER_FILES: [(u64, &[(u64, u32)]); 2] =
-    [(0x4000_7000, &[(0x00, 0x0000_0200)]), (0x4002_2000, &[(0x00, 0x0000_0600), (0x14, 0xc000_0000)])];
-const BLOCK_BYTES: u64 = 0x400;
+/// The other register blocks, in the order of [`Block`]; the last one is the pages of the slot store.
+const BLOCKS: [(u64, u64); 6] = [
+    (0x4000_7000, 0x400),
+    (0x4002_2000, 0x400),
+    (0x4000_3000, 0x400),
+    (0x5004_0000, 0x400),
+    (0x5006_0800, 0x400),
+    (STORE_ADDRESS, STORE_BYTES as u64),
+];
+const USART_BYTES: u64 = 0x400;
+/// PWR_CR1 after reset: voltage range 1.
+const PWR_INITIAL: [(u64, u32); 1] = [(0x00, 0x0000_0200)];
 /// Above QEMU's own models (priority 0 and 10).
 const PRIORITY: c_int = 10_000;
 /// STOP input: PD14.
@@ -31,9 +40,32 @@ const BURST_LIMIT: usize = 256;
 /// Paint of cortex-m-rt's `paint-stack`.
 const STACK_PAINT: u32 = 0xcccc_cccc;
 
-/// A block of registers that only remember what was written.
-struct RegisterFile {
-    cells: [u32; (BLOCK_BYTES / 4) as usize],
+#[derive(Clone, Copy)]
+enum Block {
+    Usart(usize),
+    Pwr,
+    Flash,
+    Watchdog,
+    Adc,
+    Rng,
+    Store,
+}
+
+impl Block {
+    fn from_index(index: usize) -> Option<Self> {
+        let others = [
+            Block::Pwr,
+            Block::Flash,
+            Block::Watchdog,
+            Block::Adc,
+            Block::Rng,
+            Block::Store,
+        ];
+        match index.checked_sub(USARTS.len()) {
+            None => Some(Block::Usart(index)),
+            Some(other) => others.get(other).copied(),
+        }
+    }
 }
 
 struct Machine {
@@ -41,10 +73,16 @@ struct Machine {
     reader: BufReader<UnixStream>,
     writer: UnixStream,
     usarts: [Usart; 3],
-    files: [RegisterFile; 2],
+    pwr: RegisterFile,
+    flash: Flash,
+    watchdog: Watchdog,
+    adc: Adc,
+    rng: Rng,
     interrupts: [*mut c_void; 3],
     levels: [bool; 3],
     stop_line: *mut c_void,
+    nmi: *mut c_void,
+    watchdog_bites: u64,
     timer: *mut TimerRoom,
     next_sync_ns: u64,
 }
@@ -55,7 +93,11 @@ unsafe impl Send for Machine {}
 static MACHINE: Mutex<Option<Machine>> = Mutex::new(None);
 
 fn with_machine<T>(action: impl FnOnce(&mut Machine) -> T) -> Option<T> {
-    MACHINE.lock().unwrap_or_else(PoisonError::into_inner).as_mut().map(action)
+    MACHINE
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .as_mut()
+        .map(action)
 }
 
 fn now_ns() -> u64 {
@@ -68,21 +110,30 @@ fn now_ns() -> u64 {
 pub(crate) fn install(options: Options) -> std::io::Result<()> {
     let writer = UnixStream::connect(&options.socket)?;
     let reader = BufReader::new(writer.try_clone()?);
-    let clock_hz = options.clock_hz;
+    let (clock_hz, seed) = (options.clock_hz, options.seed);
     let machine = Machine {
         options,
         reader,
         writer,
         usarts: std::array::from_fn(|_| Usart::new(clock_hz)),
-        files: std::array::from_fn(|index| RegisterFile::new(REGISTER_FILES[index].1)),
+        pwr: RegisterFile::new(&PWR_INITIAL),
+        flash: Flash::new(),
+        watchdog: Watchdog::new(),
+        adc: Adc::new(0),
+        rng: Rng::new(seed),
         interrupts: [std::ptr::null_mut(); 3],
         levels: [false; 3],
         stop_line: std::ptr::null_mut(),
+        nmi: std::ptr::null_mut(),
+        watchdog_bites: 0,
         timer: Box::into_raw(Box::new(TimerRoom([0; 128]))),
         next_sync_ns: 0,
     };
     *MACHINE.lock().unwrap_or_else(PoisonError::into_inner) = Some(machine);
-    let notifier = Box::new(ffi::Notifier { notify: machine_done, node: [std::ptr::null_mut(); 2] });
+    let notifier = Box::new(ffi::Notifier {
+        notify: machine_done,
+        node: [std::ptr::null_mut(); 2],
+    });
     // SAFETY: the notifier lives for ever; QEMU links it into its list and calls it once.
     unsafe { ffi::qemu_add_machine_init_done_notifier(Box::into_raw(notifier)) };
     Ok(())
@@ -98,12 +149,13 @@ pub(crate) fn finish() {
 extern "C" fn machine_done(_notifier: *mut ffi::Notifier, _data: *mut c_void) {
     with_machine(|machine| {
         for (index, &(address, irq)) in USARTS.iter().enumerate() {
-            map(address, index);
+            map(address, USART_BYTES, index);
             machine.interrupts[index] = input_line(CPU_PATH, irq);
         }
-        for (index, &(address, _)) in REGISTER_FILES.iter().enumerate() {
-            map(address, USARTS.len() + index);
+        for (index, &(address, bytes)) in BLOCKS.iter().enumerate() {
+            map(address, bytes, USARTS.len() + index);
         }
+        machine.nmi = named_input(CPU_PATH, c"NMI");
         machine.stop_line = input_line(STOP_GPIO.0, STOP_GPIO.1);
         // SAFETY: `timer` is zeroed room of sufficient size that is never freed; a null group is the main loop's.
         unsafe {
@@ -126,16 +178,25 @@ extern "C" fn machine_done(_notifier: *mut ffi::Notifier, _data: *mut c_void) {
     });
 }
 
-/// Lays our registers over an address of the machine. `index` counts the USARTs, then the register files.
-fn map(address: u64, index: usize) {
+/// Lays our registers over an address of the machine. `index` counts the USARTs, then [`BLOCKS`].
+fn map(address: u64, bytes: u64, index: usize) {
     let ops = Box::new(MemoryRegionOps {
         read: mmio_read,
         write: mmio_write,
         read_with_attrs: std::ptr::null(),
         write_with_attrs: std::ptr::null(),
         endianness: ffi::LITTLE_ENDIAN,
-        valid: AccessValid { min: 1, max: 4, unaligned: false, accepts: std::ptr::null() },
-        implemented: AccessImpl { min: 1, max: 4, unaligned: false },
+        valid: AccessValid {
+            min: 1,
+            max: 4,
+            unaligned: false,
+            accepts: std::ptr::null(),
+        },
+        implemented: AccessImpl {
+            min: 1,
+            max: 4,
+            unaligned: false,
+        },
     });
     let room = Box::into_raw(Box::new(MemoryRegionRoom([0; 1024])));
     // SAFETY: the machine exists; region and ops are leaked on purpose and outlive it; the opaque pointer is a number.
@@ -146,53 +207,49 @@ fn map(address: u64, index: usize) {
             Box::into_raw(ops),
             std::ptr::without_provenance_mut(index),
             c"rb-shim".as_ptr(),
-            BLOCK_BYTES,
+            bytes,
         );
         ffi::memory_region_add_subregion_overlap(ffi::get_system_memory(), address, room, PRIORITY);
     }
 }
 
-fn input_line(path: &CStr, number: c_int) -> *mut c_void {
+fn device(path: &CStr) -> *mut c_void {
     let mut ambiguous = false;
-    // SAFETY: the machine is complete; both paths name devices of `b-l475e-iot01a`.
-    unsafe {
-        let device = ffi::object_resolve_path(path.as_ptr(), &mut ambiguous);
-        if device.is_null() {
-            eprintln!("rb-shim: QEMU has no {path:?}: this plugin needs machine b-l475e-iot01a of QEMU 10.0");
-            ffi::_exit(1);
-        }
-        ffi::qdev_get_gpio_in(device, number)
+    // SAFETY: the machine is complete; the path is a C string.
+    let device = unsafe { ffi::object_resolve_path(path.as_ptr(), &mut ambiguous) };
+    if device.is_null() {
+        eprintln!(
+            "rb-shim: QEMU has no {path:?}: this plugin needs machine b-l475e-iot01a of QEMU 10.0"
+        );
+        // SAFETY: ends the process; the machine cannot be completed.
+        unsafe { ffi::_exit(1) }
     }
+    device
 }
 
-extern "C" fn mmio_read(opaque: *mut c_void, offset: u64, _width: c_uint) -> u64 {
+fn input_line(path: &CStr, number: c_int) -> *mut c_void {
+    // SAFETY: the device exists and has that input: an interrupt of the core or a pin of the port.
+    unsafe { ffi::qdev_get_gpio_in(device(path), number) }
+}
+
+fn named_input(path: &CStr, name: &CStr) -> *mut c_void {
+    // SAFETY: the device exists; the core has an input of that name.
+    unsafe { ffi::qdev_get_gpio_in_named(device(path), name.as_ptr(), 0) }
+}
+
+extern "C" fn mmio_read(opaque: *mut c_void, offset: u64, width: c_uint) -> u64 {
     let now = now_ns();
     with_machine(|machine| {
-        let index = opaque.addr();
-        match index.checked_sub(USARTS.len()) {
-            None => {
-                machine.advance(now);
-                let value = machine.usarts[index].read(offset);
-                machine.settle(now);
-                u64::from(value)
-            }
-            Some(file) => machine.files[file].read(offset),
-        }
+        Block::from_index(opaque.addr()).map_or(0, |block| machine.load(block, offset, width, now))
     })
-    .unwrap_or(0)
+    .map_or(0, u64::from)
 }
 
 extern "C" fn mmio_write(opaque: *mut c_void, offset: u64, value: u64, width: c_uint) {
     let now = now_ns();
     with_machine(|machine| {
-        let index = opaque.addr();
-        match index.checked_sub(USARTS.len()) {
-            None => {
-                machine.advance(now);
-                machine.usarts[index].write(offset, value as u32, now);
-                machine.settle(now);
-            }
-            Some(file) => machine.files[file].write(offset, value as u32, width),
+        if let Some(block) = Block::from_index(opaque.addr()) {
+            machine.store(block, offset, value as u32, width, now);
         }
     });
 }
@@ -201,8 +258,15 @@ extern "C" fn timer_fired(_opaque: *mut c_void) {
     let now = now_ns();
     with_machine(|machine| {
         machine.advance(now);
+        if machine.watchdog.bites_at_ns().is_some_and(|at| now >= at) {
+            machine.watchdog = Watchdog::new();
+            machine.watchdog_bites += 1;
+            request_reset();
+        }
         if now >= machine.next_sync_ns || machine.usarts.iter().any(|u| u.has_news(BURST_LIMIT)) {
-            let answer = machine.report(Cause::Sync).and_then(|()| Order::read(&mut machine.reader));
+            let answer = machine
+                .report(Cause::Sync)
+                .and_then(|()| Order::read(&mut machine.reader));
             machine.obey(answer);
         }
         machine.settle(now);
@@ -213,7 +277,10 @@ extern "C" fn machine_reset(_opaque: *mut c_void) {
     let now = now_ns();
     with_machine(|machine| {
         machine.usarts.iter_mut().for_each(Usart::reset);
-        machine.files = std::array::from_fn(|index| RegisterFile::new(REGISTER_FILES[index].1));
+        machine.pwr = RegisterFile::new(&PWR_INITIAL);
+        machine.flash.reset();
+        machine.watchdog = Watchdog::new();
+        machine.adc.reset();
         machine.settle(now);
     });
 }
@@ -223,19 +290,84 @@ impl Machine {
         self.usarts.iter_mut().for_each(|u| u.advance(now));
     }
 
+    fn load(&mut self, block: Block, offset: u64, width: c_uint, now: u64) -> u32 {
+        match block {
+            Block::Usart(index) => {
+                self.advance(now);
+                let value = self.usarts[index].read(offset);
+                self.settle(now);
+                value
+            }
+            Block::Pwr => self.pwr.read(offset),
+            Block::Flash => self.flash.read(offset),
+            Block::Watchdog => self.watchdog.read(offset),
+            Block::Adc => self.adc.read(offset),
+            Block::Rng => self.rng.read(offset),
+            Block::Store => {
+                let (value, unreadable) = self.flash.load(offset, width);
+                if unreadable {
+                    self.raise_nmi();
+                }
+                value
+            }
+        }
+    }
+
+    fn store(&mut self, block: Block, offset: u64, value: u32, width: c_uint, now: u64) {
+        match block {
+            Block::Usart(index) => {
+                self.advance(now);
+                self.usarts[index].write(offset, value, now);
+                self.settle(now);
+            }
+            Block::Pwr => self.pwr.write(offset, value),
+            Block::Flash => self.flash.write(offset, value),
+            Block::Watchdog => {
+                self.watchdog.write(offset, value, now);
+                self.settle(now);
+            }
+            Block::Adc => self.adc.write(offset, value),
+            Block::Rng => self.rng.write(offset, value),
+            Block::Store => self.flash.store(offset, value, width),
+        }
+    }
+
+    /// An edge: the controller takes it and stays pending until the handler runs.
+    fn raise_nmi(&self) {
+        // SAFETY: the line is an input of the core, looked up when the machine was complete.
+        unsafe {
+            ffi::qemu_set_irq(self.nmi, 1);
+            ffi::qemu_set_irq(self.nmi, 0);
+        }
+    }
+
     /// After any change: interrupt lines to their levels, timer to the next event.
     fn settle(&mut self, now: u64) {
-        for ((usart, &line), level) in self.usarts.iter().zip(&self.interrupts).zip(&mut self.levels) {
+        for ((usart, &line), level) in self
+            .usarts
+            .iter()
+            .zip(&self.interrupts)
+            .zip(&mut self.levels)
+        {
             if usart.interrupt() != *level {
                 *level = usart.interrupt();
                 // SAFETY: the line is an input of the interrupt controller, looked up when the machine was complete.
                 unsafe { ffi::qemu_set_irq(line, c_int::from(*level)) };
             }
         }
-        let next = self.usarts.iter().filter_map(Usart::next_event_ns).min().unwrap_or(u64::MAX);
+        let events = self.usarts.iter().map(Usart::next_event_ns);
+        let next = events
+            .chain([self.watchdog.bites_at_ns()])
+            .flatten()
+            .min()
+            .unwrap_or(u64::MAX);
         // A burst that ended inside an MMIO access is reported by the timer, at once.
         let news = self.usarts.iter().any(|u| u.has_news(BURST_LIMIT));
-        let at = if news { now } else { next.min(self.next_sync_ns) };
+        let at = if news {
+            now
+        } else {
+            next.min(self.next_sync_ns)
+        };
         // SAFETY: the timer was initialised when the machine was complete.
         unsafe {
             match i64::try_from(at) {
@@ -254,9 +386,14 @@ impl Machine {
             report.byte_ns[index] = usart.byte_ns();
             report.overruns[index] = usart.overruns();
             let sent = usart.take_sent().into_iter();
-            report.sent.extend(sent.map(|s| TimedByte { port, byte: s.byte, end_ns: s.end_ns }));
+            report.sent.extend(sent.map(|s| TimedByte {
+                port,
+                byte: s.byte,
+                end_ns: s.end_ns,
+            }));
         }
         if cause == Cause::Final {
+            report.watchdog_bites = self.watchdog_bites;
             report.regions = regions;
             report.stack_untouched = self.options.stack.map_or(u64::MAX, untouched_stack);
         }
@@ -279,47 +416,45 @@ impl Machine {
         }
         for (index, port) in Port::ALL.into_iter().enumerate() {
             let bytes = order.bytes.iter().filter(|b| b.port == port);
-            self.usarts[index].schedule(bytes.map(|b| Transmitted { byte: b.byte, end_ns: b.end_ns }));
+            self.usarts[index].schedule(bytes.map(|b| Transmitted {
+                byte: b.byte,
+                end_ns: b.end_ns,
+            }));
         }
         self.next_sync_ns = order.next_sync_ns;
-        // SAFETY: the line is an input of the GPIO port, looked up when the machine was complete; a reset request is
-        // honoured by the main loop later.
-        unsafe {
-            ffi::qemu_set_irq(self.stop_line, c_int::from(order.stop_open));
-            if order.reset {
-                ffi::qemu_system_reset_request(ffi::RESET_CAUSE_GUEST);
-            }
+        self.adc.set_sample(order.battery_sample);
+        order
+            .damage
+            .iter()
+            .for_each(|&byte| self.flash.damage(byte as usize));
+        // SAFETY: the line is an input of the GPIO port, looked up when the machine was complete.
+        unsafe { ffi::qemu_set_irq(self.stop_line, c_int::from(order.stop_open)) };
+        if order.reset {
+            request_reset();
         }
     }
 }
 
-impl RegisterFile {
-    fn new(initial: &[(u64, u32)]) -> Self {
-        let mut file = RegisterFile { cells: [0; (BLOCK_BYTES / 4) as usize] };
-        for &(offset, value) in initial {
-            file.cells[(offset / 4) as usize] = value;
-        }
-        file
-    }
-
-    fn read(&self, offset: u64) -> u64 {
-        let cell = self.cells.get((offset / 4) as usize).copied().unwrap_or(0);
-        u64::from(cell >> (8 * (offset % 4)))
-    }
-
-    fn write(&mut self, offset: u64, value: u32, width: c_uint) {
-        let shift = 8 * (offset % 4);
-        let mask = (u64::MAX >> (64 - 8 * u64::from(width.clamp(1, 4)))) << shift;
-        if let Some(cell) = self.cells.get_mut((offset / 4) as usize) {
-            *cell = ((u64::from(*cell) & !mask) | ((u64::from(value) << shift) & mask)) as u32;
-        }
-    }
+/// Honoured by QEMU's main loop after the current instruction.
+fn request_reset() {
+    // SAFETY: sets a flag; callable at any time under the big lock.
+    unsafe { ffi::qemu_system_reset_request(ffi::RESET_CAUSE_GUEST) };
 }
 
 /// Bytes at the low end of the stack that still carry their paint.
 fn untouched_stack((low, high): (u64, u64)) -> u64 {
     let mut words = vec![0_u32; ((high - low) / 4) as usize];
     // SAFETY: the buffer has room for the bytes asked for; the range lies in the guest's SRAM.
-    unsafe { ffi::cpu_physical_memory_rw(low, words.as_mut_ptr().cast(), 4 * words.len() as u64, false) };
-    4 * words.iter().take_while(|&&w| u32::from_le(w) == STACK_PAINT).count() as u64
+    unsafe {
+        ffi::cpu_physical_memory_rw(
+            low,
+            words.as_mut_ptr().cast(),
+            4 * words.len() as u64,
+            false,
+        )
+    };
+    4 * words
+        .iter()
+        .take_while(|&&w| u32::from_le(w) == STACK_PAINT)
+        .count() as u64
 }

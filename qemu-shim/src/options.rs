@@ -16,6 +16,8 @@ pub(crate) struct Options {
     pub(crate) socket: PathBuf,
     /// `clock=HZ`: kernel clock of the USARTs.
     pub(crate) clock_hz: u64,
+    /// `seed=N`: start of the random number generator's sequence.
+    pub(crate) seed: u64,
     /// `region=BEGIN:END+END…`, any number of times, addresses in hexadecimal.
     pub(crate) regions: Vec<RegionOption>,
     /// `stack=LOW:HIGH`, hexadecimal: the painted stack.
@@ -41,7 +43,10 @@ fn hex(text: &str) -> Option<u64> {
 fn region(value: &str) -> Option<RegionOption> {
     let (begin, ends) = value.split_once(':')?;
     let ends = ends.split('+').map(hex).collect::<Option<Vec<_>>>()?;
-    Some(RegionOption { begin: hex(begin)?, ends })
+    Some(RegionOption {
+        begin: hex(begin)?,
+        ends,
+    })
 }
 
 fn range(value: &str) -> Option<(u64, u64)> {
@@ -52,14 +57,22 @@ fn range(value: &str) -> Option<(u64, u64)> {
 /// Reads the options.
 pub(crate) fn parse<'a>(arguments: impl Iterator<Item = &'a str>) -> Result<Options, OptionError> {
     let mut socket = None;
-    let mut options =
-        Options { socket: PathBuf::new(), clock_hz: DEFAULT_CLOCK_HZ, regions: Vec::new(), stack: None };
+    let mut options = Options {
+        socket: PathBuf::new(),
+        clock_hz: DEFAULT_CLOCK_HZ,
+        seed: 0,
+        regions: Vec::new(),
+        stack: None,
+    };
     for argument in arguments {
         let bad = || OptionError::Bad(argument.to_owned());
         let (key, value) = argument.split_once('=').ok_or_else(bad)?;
         match key {
             "socket" => socket = Some(PathBuf::from(value)),
-            "clock" => options.clock_hz = value.parse().ok().filter(|&hz| hz > 0).ok_or_else(bad)?,
+            "clock" => {
+                options.clock_hz = value.parse().ok().filter(|&hz| hz > 0).ok_or_else(bad)?
+            }
+            "seed" => options.seed = value.parse().map_err(|_| bad())?,
             "region" => options.regions.push(region(value).ok_or_else(bad)?),
             "stack" => options.stack = Some(range(value).ok_or_else(bad)?),
             _ => return Err(bad()),

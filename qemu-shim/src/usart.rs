@@ -75,14 +75,22 @@ pub(crate) struct Usart {
 impl Usart {
     /// A USART after reset, clocked with `clock_hz`.
     pub(crate) fn new(clock_hz: u64) -> Self {
-        Usart { clock_hz, flags: TC | TXE, ..Usart::default() }
+        Usart {
+            clock_hz,
+            flags: TC | TXE,
+            ..Usart::default()
+        }
     }
 
     /// Back to the state after reset. Bytes on their way to the guest stay on their way.
     pub(crate) fn reset(&mut self) {
         let incoming = std::mem::take(&mut self.incoming);
         let overruns = self.overruns;
-        *self = Usart { incoming, overruns, ..Usart::new(self.clock_hz) };
+        *self = Usart {
+            incoming,
+            overruns,
+            ..Usart::new(self.clock_hz)
+        };
     }
 
     /// Duration of one byte; 0 while the baud rate is not set or the USART is off.
@@ -147,7 +155,10 @@ impl Usart {
         match self.waiting.take() {
             Some(byte) => {
                 self.flags |= TXE;
-                self.shifting = Some(Transmitted { byte, end_ns: at_ns + self.byte_ns() });
+                self.shifting = Some(Transmitted {
+                    byte,
+                    end_ns: at_ns + self.byte_ns(),
+                });
             }
             None => {
                 self.flags |= TC;
@@ -157,7 +168,9 @@ impl Usart {
     }
 
     fn receive(&mut self, at_ns: u64) {
-        let Some(byte) = self.incoming.pop_front() else { return };
+        let Some(byte) = self.incoming.pop_front() else {
+            return;
+        };
         if self.cr1 & (UE | RE) != UE | RE {
             return;
         }
@@ -170,7 +183,10 @@ impl Usart {
         }
         // IDLE needs the line quiet for a whole frame: not if the next start bit comes before that.
         let byte_ns = self.byte_ns();
-        let next_start = self.incoming.front().map(|b| b.end_ns.saturating_sub(byte_ns));
+        let next_start = self
+            .incoming
+            .front()
+            .map(|b| b.end_ns.saturating_sub(byte_ns));
         self.idle_at_ns = match next_start {
             Some(start) if start < at_ns + byte_ns => None,
             _ => Some(at_ns + byte_ns),
@@ -197,7 +213,13 @@ impl Usart {
             GTPR => self.gtpr,
             RTOR => self.rtor,
             ISR => {
-                let acknowledge = |enable, flag| if self.cr1 & (UE | enable) == UE | enable { flag } else { 0 };
+                let acknowledge = |enable, flag| {
+                    if self.cr1 & (UE | enable) == UE | enable {
+                        flag
+                    } else {
+                        0
+                    }
+                };
                 self.flags | acknowledge(TE, TEACK) | acknowledge(RE, REACK)
             }
             RDR => {
@@ -232,7 +254,10 @@ impl Usart {
         }
         self.flags &= !TC;
         if self.shifting.is_none() {
-            self.shifting = Some(Transmitted { byte, end_ns: now_ns + byte_ns });
+            self.shifting = Some(Transmitted {
+                byte,
+                end_ns: now_ns + byte_ns,
+            });
         } else {
             // A store while TXE is clear overwrites the waiting byte, as on silicon.
             self.waiting = Some(byte);

@@ -1,0 +1,286 @@
+//! STM32L475VG: clocks, pins, peripherals. The pins are those of ST's B-L475E-IOT01A kit, so a bare kit is a module.
+//!
+//! | function | peripheral | pins |
+//! |---|---|---|
+//! | motor bus, RS485, 1 Mbaud | USART2 with hardware driver enable | TX PD5, RX PD6, DE PD4 |
+//! | host link over the cable | USART1 | TX PB6, RX PB7 |
+//! | host link over the Bluetooth module | UART4 | TX PA0, RX PA1 |
+//! | STOP input, contact to ground, normally closed | GPIO with pull-up | PD14 |
+//! | battery through a divider | ADC1 channel 14 | PC5 |
+
+use embassy_executor::Spawner;
+use embassy_stm32::adc::{Adc, SampleTime};
+use embassy_stm32::gpio::{Input, Pull};
+use embassy_stm32::peripherals::{ADC1, IWDG, PC5, UART4, USART1, USART2};
+use embassy_stm32::rcc::{
+    MSIRange, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk, mux::Clk48sel,
+};
+use embassy_stm32::rng::Rng;
+use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, Config as UartConfig};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{Peri, Peripherals, bind_interrupts, pac, peripherals, rng, uid};
+use firmware::crash::BLOCK_BYTES;
+use firmware::ports::{Board, LinkKind, LinkPort, ResetCause};
+use static_cell::StaticCell;
+
+use crate::board_store::FlashStore;
+use crate::board_uart::{UartBus, UartLinkRx, UartLinkTx};
+use crate::{board_clock, board_fault, board_log};
+
+/// HSI16 x 10 / 2.
+const CORE_HZ: u32 = 80_000_000;
+/// Motor bus speed; every byte takes 10 us.
+const BUS_BAUD: u32 = 1_000_000;
+/// Host link speed on both ports.
+const LINK_BAUD: u32 = 115_200;
+/// Watchdog period: the bound of the `Board` trait.
+const WATCHDOG_US: u32 = 200_000;
+
+/// Rings of the bus: the longest exchange is 12 motors, about 600 bytes in and 200 out.
+const BUS_TX_RING: usize = 512;
+const BUS_RX_RING: usize = 1024;
+/// Rings of a host link. Receive: 80 ms of line time at 115200 baud.
+const LINK_TX_RING: usize = 512;
+const LINK_RX_RING: usize = 1024;
+
+/// Battery divider: 2 x 2 cells give at most 8.4 V per pack; 33 kOhm over 10 kOhm brings that under the 3.3 V reference.
+const DIVIDER_NUMERATOR: u32 = 43;
+const DIVIDER_DENOMINATOR: u32 = 10;
+/// Analogue reference of the kit, mV.
+const REFERENCE_MV: u32 = 3300;
+/// Full scale of the 12-bit converter.
+const ADC_FULL_SCALE: u32 = 4095;
+/// Below it no battery is connected: a kit fed over USB.
+const BATTERY_FITTED_MV: u16 = 1000;
+
+bind_interrupts!(struct Interrupts {
+    USART1 => BufferedInterruptHandler<USART1>;
+    USART2 => BufferedInterruptHandler<USART2>;
+    UART4 => BufferedInterruptHandler<UART4>;
+    RNG => rng::InterruptHandler<peripherals::RNG>;
+});
+
+/// The motor bus of this board.
+pub(crate) type Bus = UartBus<BUS_TX_RING>;
+/// A host link of this board.
+pub(crate) type Link = LinkPort<UartLinkRx, UartLinkTx<LINK_TX_RING>>;
+
+fn clocks() -> embassy_stm32::Config {
+    let mut config = embassy_stm32::Config::default();
+    config.rcc.hsi = true;
+    config.rcc.pll = Some(Pll {
+        source: PllSource::HSI,
+        prediv: PllPreDiv::DIV1,
+        mul: PllMul::MUL10,
+        divp: None,
+        divq: None,
+        divr: Some(PllRDiv::DIV2),
+    });
+    config.rcc.sys = Sysclk::PLL1_R;
+    // 48 MHz for the random number generator.
+    config.rcc.msi = Some(MSIRange::RANGE48M);
+    config.rcc.mux.clk48sel = Clk48sel::MSI;
+    config
+}
+
+fn reset_cause() -> ResetCause {
+    let flags = pac::RCC.csr().read();
+    pac::RCC.csr().modify(|w| w.set_rmvf(true));
+    // The pin flag accompanies every internal reset, so it is asked last (RM0351 section 6.1).
+    if flags.iwdgrstf() {
+        ResetCause::Watchdog
+    } else if flags.sftrstf() {
+        ResetCause::Software
+    } else if flags.borrstf() {
+        // A power-up raises it too; below it the chip cannot tell.
+        ResetCause::PowerOn
+    } else if flags.fwrstf() || flags.oblrstf() || flags.lpwrrstf() || flags.wwdgrstf() {
+        ResetCause::Other
+    } else if flags.pinrstf() {
+        ResetCause::Pin
+    } else {
+        ResetCause::PowerOn
+    }
+}
+
+/// The rest of the board.
+pub(crate) struct L475 {
+    adc: Adc<'static, ADC1>,
+    battery: Peri<'static, PC5>,
+    rng: Rng<'static, peripherals::RNG>,
+    watchdog: IndependentWatchdog<'static, IWDG>,
+    stop: Input<'static>,
+    cause: ResetCause,
+    crash: &'static mut [u8; BLOCK_BYTES],
+}
+
+impl Board for L475 {
+    fn battery_mv(&mut self) -> Option<u16> {
+        // The divider is of high resistance: longest sampling time, 8 us.
+        let sample = self
+            .adc
+            .blocking_read(&mut self.battery, SampleTime::CYCLES640_5);
+        let pin_mv = u32::from(sample) * REFERENCE_MV / ADC_FULL_SCALE;
+        let mv = u16::try_from(pin_mv * DIVIDER_NUMERATOR / DIVIDER_DENOMINATOR).ok()?;
+        (mv >= BATTERY_FITTED_MV).then_some(mv)
+    }
+
+    fn reset_cause(&self) -> ResetCause {
+        self.cause
+    }
+
+    fn unique_id(&self) -> [u8; 12] {
+        uid::uid()
+    }
+
+    fn entropy(&mut self) -> [u8; 16] {
+        let mut bytes = [0; 16];
+        self.rng.fill_bytes(&mut bytes);
+        bytes
+    }
+
+    fn pet_watchdog(&mut self) {
+        self.watchdog.pet();
+    }
+
+    fn stop_input(&mut self) -> bool {
+        // Pressed, cut and unplugged look the same: the contact is open and the pull-up wins.
+        self.stop.is_high()
+    }
+
+    fn crash_block(&mut self) -> &mut [u8; BLOCK_BYTES] {
+        self.crash
+    }
+
+    fn reboot(&mut self) {
+        cortex_m::peripheral::SCB::sys_reset()
+    }
+}
+
+struct Fitted {
+    bus: Bus,
+    wire: Link,
+    radio: Link,
+    store: FlashStore,
+    board: L475,
+}
+
+fn link_config() -> UartConfig {
+    let mut config = UartConfig::default();
+    config.baudrate = LINK_BAUD;
+    config
+}
+
+fn motor_bus(
+    usart: Peri<'static, USART2>,
+    rx: Peri<'static, peripherals::PD6>,
+    tx: Peri<'static, peripherals::PD5>,
+    enable: Peri<'static, peripherals::PD4>,
+) -> Bus {
+    static TX: StaticCell<[u8; BUS_TX_RING]> = StaticCell::new();
+    static RX: StaticCell<[u8; BUS_RX_RING]> = StaticCell::new();
+    let mut config = UartConfig::default();
+    config.baudrate = BUS_BAUD;
+    let (tx_ring, rx_ring) = (TX.init([0; BUS_TX_RING]), RX.init([0; BUS_RX_RING]));
+    let uart = defmt::unwrap!(
+        BufferedUart::new_with_de(usart, rx, tx, enable, Interrupts, tx_ring, rx_ring, config).ok()
+    );
+    let (tx, rx) = uart.split();
+    UartBus { tx, rx }
+}
+
+fn wire_link(
+    usart: Peri<'static, USART1>,
+    rx: Peri<'static, peripherals::PB7>,
+    tx: Peri<'static, peripherals::PB6>,
+) -> Link {
+    static TX: StaticCell<[u8; LINK_TX_RING]> = StaticCell::new();
+    static RX: StaticCell<[u8; LINK_RX_RING]> = StaticCell::new();
+    let (tx_ring, rx_ring) = (TX.init([0; LINK_TX_RING]), RX.init([0; LINK_RX_RING]));
+    let uart = defmt::unwrap!(
+        BufferedUart::new(usart, rx, tx, tx_ring, rx_ring, Interrupts, link_config()).ok()
+    );
+    let (tx, rx) = uart.split();
+    LinkPort {
+        kind: LinkKind::Wire,
+        rx: UartLinkRx(rx),
+        tx: UartLinkTx(tx),
+    }
+}
+
+fn radio_link(
+    uart: Peri<'static, UART4>,
+    rx: Peri<'static, peripherals::PA1>,
+    tx: Peri<'static, peripherals::PA0>,
+) -> Link {
+    static TX: StaticCell<[u8; LINK_TX_RING]> = StaticCell::new();
+    static RX: StaticCell<[u8; LINK_RX_RING]> = StaticCell::new();
+    let (tx_ring, rx_ring) = (TX.init([0; LINK_TX_RING]), RX.init([0; LINK_RX_RING]));
+    let uart = defmt::unwrap!(
+        BufferedUart::new(uart, rx, tx, tx_ring, rx_ring, Interrupts, link_config()).ok()
+    );
+    let (tx, rx) = uart.split();
+    LinkPort {
+        kind: LinkKind::Radio,
+        rx: UartLinkRx(rx),
+        tx: UartLinkTx(tx),
+    }
+}
+
+fn fit(p: Peripherals, cause: ResetCause) -> Fitted {
+    let mut watchdog = IndependentWatchdog::new(p.IWDG, WATCHDOG_US);
+    watchdog.unleash();
+    let board = L475 {
+        adc: Adc::new(p.ADC1),
+        battery: p.PC5,
+        rng: Rng::new(p.RNG, Interrupts),
+        watchdog,
+        stop: Input::new(p.PD14, Pull::Up),
+        cause,
+        crash: defmt::unwrap!(board_fault::take_block()),
+    };
+    Fitted {
+        bus: motor_bus(p.USART2, p.PD6, p.PD5, p.PD4),
+        wire: wire_link(p.USART1, p.PB7, p.PB6),
+        radio: radio_link(p.UART4, p.PA1, p.PA0),
+        store: FlashStore::new(p.FLASH),
+        board,
+    }
+}
+
+/// Brings the chip up and spawns the application.
+pub(crate) fn start(spawner: Spawner) {
+    let core = defmt::unwrap!(cortex_m::Peripherals::take());
+    let peripherals = embassy_stm32::init(clocks());
+    board_log::init();
+    board_clock::init(core.SYST, CORE_HZ);
+    let cause = reset_cause();
+    defmt::info!("start, reset cause {}", cause as u8);
+    let fitted = fit(peripherals, cause);
+    spawner.spawn(defmt::unwrap!(application(fitted).ok()));
+}
+
+#[embassy_executor::task]
+async fn application(mut fitted: Fitted) {
+    use firmware::ports::{BusPort, Clock, LinkRx, LinkTx};
+    let clock = board_clock::SysTickClock;
+    let mut at = clock.now_us() + 50_000;
+    defmt::info!(
+        "battery {} entropy {}",
+        fitted.board.battery_mv(),
+        fitted.board.entropy()
+    );
+    for _ in 0..100 {
+        clock.sleep_until_us(at).await;
+        fitted.board.pet_watchdog();
+        at += 50_000;
+        let _ = fitted.bus.write_all(b"hello motors").await;
+        let mut b = [0; 64];
+        let got = fitted.bus.read(&mut b).await.unwrap_or(0);
+        defmt::info!("got {} at {}", &b[..got], clock.now_us());
+        let _ = fitted.wire.tx.write(&b[..got]).await;
+        let _ = fitted.wire.rx.read(&mut b);
+        let _ = &fitted.radio;
+        let _ = &fitted.store;
+    }
+}
