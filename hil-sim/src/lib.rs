@@ -4,12 +4,15 @@
 //! - [`driver`]: registers and the 1 kHz loop of one motor driver
 //! - [`bus`]: the half-duplex wire, byte by byte
 //! - [`world`]: drivers, joints, supply, body and bus on one virtual clock
+//! - `board`: the firmware image in QEMU, on Unix
 //! - [`robot`]: the firmware application run natively against all of the above
 //!
 //! Everything here is deterministic: time and seeds are arguments.
 
 #![forbid(unsafe_code)]
 
+#[cfg(unix)]
+pub mod board;
 pub mod body;
 pub mod bus;
 pub mod driver;

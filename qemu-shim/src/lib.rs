@@ -17,7 +17,7 @@ mod ffi;
 mod machine;
 mod options;
 mod usart;
-#[path = "../../hil-sim/src/board_wire.rs"]
+#[path = "../../hil-sim/src/board/wire.rs"]
 pub mod wire;
 
 use std::ffi::{CStr, c_char, c_int, c_void};

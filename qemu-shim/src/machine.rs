@@ -27,6 +27,10 @@ const BLOCKS: [(u64, u64); 6] = [
     (0x5006_0800, 0x400),
     (STORE_ADDRESS, STORE_BYTES as u64),
 ];
+/// Index of the motor bus in [`USARTS`].
+const BUS: usize = 0;
+/// A guest that sends without end is interrupted after this time.
+const LONGEST_BURST_NS: u64 = 50_000_000;
 const USART_BYTES: u64 = 0x400;
 /// PWR_CR1 after reset: voltage range 1.
 const PWR_INITIAL: [(u64, u32); 1] = [(0x00, 0x0000_0200)];
@@ -35,8 +39,6 @@ const PRIORITY: c_int = 10_000;
 /// STOP input: PD14.
 const STOP_GPIO: (&CStr, c_int) = (c"/machine/soc/gpiod", 14);
 const CPU_PATH: &CStr = c"/machine/soc/armv7m";
-/// A longer burst is reported in pieces, so that the host side hears of an endless sender.
-const BURST_LIMIT: usize = 256;
 /// Paint of cortex-m-rt's `paint-stack`.
 const STACK_PAINT: u32 = 0xcccc_cccc;
 
@@ -263,7 +265,7 @@ extern "C" fn timer_fired(_opaque: *mut c_void) {
             machine.watchdog_bites += 1;
             request_reset();
         }
-        if now >= machine.next_sync_ns || machine.usarts.iter().any(|u| u.has_news(BURST_LIMIT)) {
+        if machine.wants_sync(now) {
             let answer = machine
                 .report(Cause::Sync)
                 .and_then(|()| Order::read(&mut machine.reader));
@@ -288,6 +290,14 @@ extern "C" fn machine_reset(_opaque: *mut c_void) {
 impl Machine {
     fn advance(&mut self, now: u64) {
         self.usarts.iter_mut().for_each(|u| u.advance(now));
+    }
+
+    /// A burst has ended or the host side wants to hear. Not in the middle of a burst on the motor bus, because the host
+    /// side must not let time pass beyond the start of a byte that it has not been told of.
+    fn wants_sync(&self, now: u64) -> bool {
+        let due = now >= self.next_sync_ns || self.usarts.iter().any(Usart::has_news);
+        let in_burst = self.usarts[BUS].transmitting() && now < self.next_sync_ns.saturating_add(LONGEST_BURST_NS);
+        due && !in_burst
     }
 
     fn load(&mut self, block: Block, offset: u64, width: c_uint, now: u64) -> u32 {
@@ -361,10 +371,11 @@ impl Machine {
             .flatten()
             .min()
             .unwrap_or(u64::MAX);
-        // A burst that ended inside an MMIO access is reported by the timer, at once.
-        let news = self.usarts.iter().any(|u| u.has_news(BURST_LIMIT));
-        let at = if news {
+        let at = if self.wants_sync(now) {
+            // What ended inside an MMIO access is reported by the timer, at once.
             now
+        } else if self.usarts[BUS].transmitting() {
+            next
         } else {
             next.min(self.next_sync_ns)
         };

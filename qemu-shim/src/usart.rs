@@ -26,8 +26,9 @@ const RXNEIE: u32 = 1 << 5;
 const TCIE: u32 = 1 << 6;
 const TXEIE: u32 = 1 << 7;
 const OVER8: u32 = 1 << 15;
-// CR3 bit.
+// CR3 bits.
 const EIE: u32 = 1 << 0;
+const DEM: u32 = 1 << 14;
 // ISR bits; ICR clears at the same places.
 const ORE: u32 = 1 << 3;
 const IDLE: u32 = 1 << 4;
@@ -118,15 +119,20 @@ impl Usart {
         self.incoming.extend(bytes);
     }
 
+    /// True while a byte is leaving.
+    pub(crate) fn transmitting(&self) -> bool {
+        self.shifting.is_some()
+    }
+
     /// Takes what was sent since the last call.
     pub(crate) fn take_sent(&mut self) -> Vec<Transmitted> {
         self.burst_ended = false;
         std::mem::take(&mut self.sent)
     }
 
-    /// True when the last byte of a burst has left, or `limit` bytes wait to be taken.
-    pub(crate) fn has_news(&self, limit: usize) -> bool {
-        self.burst_ended || self.sent.len() >= limit
+    /// True when the last byte of a burst has left and nobody has taken it.
+    pub(crate) fn has_news(&self) -> bool {
+        self.burst_ended
     }
 
     /// The next instant at which something happens by itself.
@@ -171,7 +177,9 @@ impl Usart {
         let Some(byte) = self.incoming.pop_front() else {
             return;
         };
-        if self.cr1 & (UE | RE) != UE | RE {
+        // With driver enable the transceiver's receiver is off while it sends.
+        let deaf = self.cr3 & DEM != 0 && self.shifting.is_some();
+        if deaf || self.cr1 & (UE | RE) != UE | RE {
             return;
         }
         if self.flags & RXNE != 0 {

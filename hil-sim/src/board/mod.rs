@@ -1,0 +1,13 @@
+//! The real firmware image in QEMU, in lock-step with the emulated motors: virtual time, same bits on every run.
+//!
+//! - [`runner`]: starts QEMU, exchanges bytes and time with the plugin
+//! - [`wire`]: the messages between the two
+//! - [`elf`]: symbols and sizes of the image
+//! - [`tools`]: finds QEMU, builds image and plugin for tests
+//!
+//! Everything needs a Unix socket; elsewhere the module is absent.
+
+pub mod elf;
+pub mod runner;
+pub mod tools;
+pub mod wire;
