@@ -3,7 +3,7 @@
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use core::ptr::addr_of_mut;
-use core::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use core::sync::atomic::{AtomicBool, Ordering};
 
 use cortex_m::peripheral::SCB;
 use cortex_m_rt::{ExceptionFrame, exception};
@@ -25,7 +25,8 @@ static mut CRASH_BLOCK: MaybeUninit<[u8; BLOCK_BYTES]> = MaybeUninit::uninit();
 
 static BLOCK_TAKEN: AtomicBool = AtomicBool::new(false);
 static ECC_ERROR: AtomicBool = AtomicBool::new(false);
-static STATE: AtomicU8 = AtomicU8::new(0);
+/// The supervisor's state is not known here; the record carries the state after boot.
+const STATE: u8 = 0;
 
 /// The block for the application, once. The handlers below write it only when the application will never run again.
 pub(crate) fn take_block() -> Option<&'static mut [u8; BLOCK_BYTES]> {
@@ -34,11 +35,6 @@ pub(crate) fn take_block() -> Option<&'static mut [u8; BLOCK_BYTES]> {
     }
     // SAFETY: handed out once; any bytes are a valid array, and RAM holds some value after power-up.
     Some(unsafe { (*addr_of_mut!(CRASH_BLOCK)).assume_init_mut() })
-}
-
-/// Notes the supervisor state for the record.
-pub(crate) fn note_state(state: u8) {
-    STATE.store(state, Ordering::Relaxed);
 }
 
 /// True if a flash read since the last call met an uncorrectable error.
@@ -64,11 +60,7 @@ fn end(record: &CrashRecord, code: i32) -> ! {
 fn panic(info: &PanicInfo<'_>) -> ! {
     cortex_m::interrupt::disable();
     make_outputs_safe();
-    let mut record = CrashRecord::new(
-        CrashKind::Panic,
-        STATE.load(Ordering::Relaxed),
-        embassy_time_driver::now(),
-    );
+    let mut record = CrashRecord::new(CrashKind::Panic, STATE, embassy_time_driver::now());
     if let Some(place) = info.location() {
         record.detail = place.line();
         record.set_text(place.file());
@@ -81,11 +73,7 @@ fn panic(info: &PanicInfo<'_>) -> ! {
 unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
     cortex_m::interrupt::disable();
     make_outputs_safe();
-    let mut record = CrashRecord::new(
-        CrashKind::HardFault,
-        STATE.load(Ordering::Relaxed),
-        embassy_time_driver::now(),
-    );
+    let mut record = CrashRecord::new(CrashKind::HardFault, STATE, embassy_time_driver::now());
     record.pc = frame.pc();
     record.lr = frame.lr();
     // SAFETY: a system register that every ARMv7-M core has.
@@ -111,10 +99,6 @@ unsafe fn NonMaskableInt() {
     }
     cortex_m::interrupt::disable();
     make_outputs_safe();
-    let record = CrashRecord::new(
-        CrashKind::Nmi,
-        STATE.load(Ordering::Relaxed),
-        embassy_time_driver::now(),
-    );
+    let record = CrashRecord::new(CrashKind::Nmi, STATE, embassy_time_driver::now());
     end(&record, EXIT_FAULT)
 }

@@ -296,7 +296,8 @@ impl Machine {
     /// side must not let time pass beyond the start of a byte that it has not been told of.
     fn wants_sync(&self, now: u64) -> bool {
         let due = now >= self.next_sync_ns || self.usarts.iter().any(Usart::has_news);
-        let in_burst = self.usarts[BUS].transmitting() && now < self.next_sync_ns.saturating_add(LONGEST_BURST_NS);
+        let in_burst = self.usarts[BUS].transmitting()
+            && now < self.next_sync_ns.saturating_add(LONGEST_BURST_NS);
         due && !in_burst
     }
 

@@ -97,18 +97,27 @@ const FLAG_CODE: u32 = 4;
 const SYMBOL_FUNCTION: u8 = 2;
 
 fn u16_at(bytes: &[u8], offset: usize) -> Result<u16, ElfError> {
-    let part = bytes.get(offset..offset + 2).and_then(|b| b.try_into().ok());
-    part.map(u16::from_le_bytes).ok_or(ElfError::Truncated { offset })
+    let part = bytes
+        .get(offset..offset + 2)
+        .and_then(|b| b.try_into().ok());
+    part.map(u16::from_le_bytes)
+        .ok_or(ElfError::Truncated { offset })
 }
 
 fn u32_at(bytes: &[u8], offset: usize) -> Result<u32, ElfError> {
-    let part = bytes.get(offset..offset.saturating_add(4)).and_then(|b| b.try_into().ok());
-    part.map(u32::from_le_bytes).ok_or(ElfError::Truncated { offset })
+    let part = bytes
+        .get(offset..offset.saturating_add(4))
+        .and_then(|b| b.try_into().ok());
+    part.map(u32::from_le_bytes)
+        .ok_or(ElfError::Truncated { offset })
 }
 
 fn text_at(bytes: &[u8], offset: usize) -> Result<String, ElfError> {
     let rest = bytes.get(offset..).ok_or(ElfError::Truncated { offset })?;
-    let end = rest.iter().position(|&b| b == 0).ok_or(ElfError::Truncated { offset })?;
+    let end = rest
+        .iter()
+        .position(|&b| b == 0)
+        .ok_or(ElfError::Truncated { offset })?;
     Ok(String::from_utf8_lossy(&rest[..end]).into_owned())
 }
 
@@ -123,9 +132,15 @@ impl<'a> Elf<'a> {
         }
         let table = u32_at(bytes, 32)? as usize;
         let count = usize::from(u16_at(bytes, 48)?);
-        let header = |index: usize, field: usize| u32_at(bytes, table + index * SECTION_HEADER_BYTES + field);
+        let header = |index: usize, field: usize| {
+            u32_at(bytes, table + index * SECTION_HEADER_BYTES + field)
+        };
         let names = header(usize::from(u16_at(bytes, 50)?), 16)? as usize;
-        let mut elf = Elf { bytes, sections: Vec::new(), symbols: Vec::new() };
+        let mut elf = Elf {
+            bytes,
+            sections: Vec::new(),
+            symbols: Vec::new(),
+        };
         for index in 0..count {
             let (kind, flags) = (header(index, 4)?, header(index, 8)?);
             if flags & FLAG_ALLOC != 0 {
@@ -141,15 +156,27 @@ impl<'a> Elf<'a> {
             }
             if kind == TYPE_SYMBOLS {
                 let strings = header(header(index, 24)? as usize, 16)? as usize;
-                elf.read_symbols(header(index, 16)? as usize, header(index, 20)? as usize, strings)?;
+                elf.read_symbols(
+                    header(index, 16)? as usize,
+                    header(index, 20)? as usize,
+                    strings,
+                )?;
             }
         }
         Ok(elf)
     }
 
-    fn read_symbols(&mut self, start: usize, length: usize, strings: usize) -> Result<(), ElfError> {
+    fn read_symbols(
+        &mut self,
+        start: usize,
+        length: usize,
+        strings: usize,
+    ) -> Result<(), ElfError> {
         for at in (start..start.saturating_add(length)).step_by(SYMBOL_BYTES) {
-            let info = *self.bytes.get(at + 12).ok_or(ElfError::Truncated { offset: at })?;
+            let info = *self
+                .bytes
+                .get(at + 12)
+                .ok_or(ElfError::Truncated { offset: at })?;
             let function = info & 0xf == SYMBOL_FUNCTION;
             let value = u32_at(self.bytes, at + 4)?;
             self.symbols.push(Symbol {
@@ -165,7 +192,10 @@ impl<'a> Elf<'a> {
     /// Value of the symbol with exactly this name.
     #[must_use]
     pub fn address_of(&self, name: &str) -> Option<u32> {
-        self.symbols.iter().find(|s| s.name == name).map(|s| s.address)
+        self.symbols
+            .iter()
+            .find(|s| s.name == name)
+            .map(|s| s.address)
     }
 
     /// The only function whose mangled name contains `part`, for example `7control3cpg4step`.
@@ -173,7 +203,10 @@ impl<'a> Elf<'a> {
     /// # Errors
     /// [`ElfError::NoSymbol`], [`ElfError::Ambiguous`].
     pub fn function(&self, part: &'static str) -> Result<&Symbol, ElfError> {
-        let mut found = self.symbols.iter().filter(|s| s.function && s.name.contains(part));
+        let mut found = self
+            .symbols
+            .iter()
+            .filter(|s| s.function && s.name.contains(part));
         let first = found.next().ok_or(ElfError::NoSymbol { part })?;
         match found.find(|s| s.address != first.address) {
             None => Ok(first),
@@ -187,7 +220,10 @@ impl<'a> Elf<'a> {
         let mut found = Vec::new();
         for section in self.sections.iter().filter(|s| s.code && s.stored) {
             let start = section.offset as usize;
-            let code = self.bytes.get(start..start + section.size as usize).unwrap_or(&[]);
+            let code = self
+                .bytes
+                .get(start..start + section.size as usize)
+                .unwrap_or(&[]);
             for at in (0..code.len().saturating_sub(3)).step_by(2) {
                 let first = u16::from_le_bytes([code[at], code[at + 1]]);
                 let second = u16::from_le_bytes([code[at + 2], code[at + 3]]);
@@ -210,7 +246,11 @@ impl<'a> Elf<'a> {
         if ends.is_empty() {
             return Err(ElfError::NoCaller { part });
         }
-        Ok(Region { label: label.to_owned(), begin, ends })
+        Ok(Region {
+            label: label.to_owned(),
+            begin,
+            ends,
+        })
     }
 
     /// The region from one entry of a function to its next entry: a period.
@@ -219,7 +259,11 @@ impl<'a> Elf<'a> {
     /// Those of [`Self::function`].
     pub fn period(&self, label: &str, part: &'static str) -> Result<Region, ElfError> {
         let begin = self.function(part)?.address;
-        Ok(Region { label: label.to_owned(), begin, ends: vec![begin] })
+        Ok(Region {
+            label: label.to_owned(),
+            begin,
+            ends: vec![begin],
+        })
     }
 }
 
@@ -237,7 +281,11 @@ fn branch_link_target(first: u16, second: u16, place: u32) -> Option<u32> {
         | (i2 << 22)
         | (u32::from(first & 0x3ff) << 12)
         | (u32::from(second & 0x7ff) << 1);
-    let extended = if sign == 1 { offset | 0xfe00_0000 } else { offset };
+    let extended = if sign == 1 {
+        offset | 0xfe00_0000
+    } else {
+        offset
+    };
     Some(place.wrapping_add(4).wrapping_add(extended))
 }
 
@@ -248,8 +296,14 @@ mod tests {
     #[test]
     fn branch_targets_forward_and_backward() {
         // Assembled with `arm-none-eabi-as`: `bl .+4` = f000 f800; `bl .` = f7ff fffe.
-        assert_eq!(branch_link_target(0xf000, 0xf800, 0x0800_0400), Some(0x0800_0404));
-        assert_eq!(branch_link_target(0xf7ff, 0xfffe, 0x0800_0400), Some(0x0800_0400));
+        assert_eq!(
+            branch_link_target(0xf000, 0xf800, 0x0800_0400),
+            Some(0x0800_0404)
+        );
+        assert_eq!(
+            branch_link_target(0xf7ff, 0xfffe, 0x0800_0400),
+            Some(0x0800_0400)
+        );
         // `b.w` and `nop` are no calls.
         assert_eq!(branch_link_target(0xf000, 0xb800, 0x0800_0400), None);
         assert_eq!(branch_link_target(0xbf00, 0xbf00, 0x0800_0400), None);

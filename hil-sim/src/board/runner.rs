@@ -70,7 +70,9 @@ pub struct BoardConfig {
 #[derive(Debug, Error)]
 pub enum BoardError {
     /// The socket for the plugin.
-    #[error("cannot open the lock-step socket {path}: {source}; check that the directory is writable")]
+    #[error(
+        "cannot open the lock-step socket {path}: {source}; check that the directory is writable"
+    )]
     Socket {
         /// Its path.
         path: PathBuf,
@@ -86,7 +88,9 @@ pub enum BoardError {
         source: io::Error,
     },
     /// QEMU could not be started.
-    #[error("cannot start {program}: {source}; install qemu-system-arm 10.0 (Debian 12: bookworm-backports)")]
+    #[error(
+        "cannot start {program}: {source}; install qemu-system-arm 10.0 (Debian 12: bookworm-backports)"
+    )]
     Start {
         /// Program name.
         program: PathBuf,
@@ -100,7 +104,9 @@ pub enum BoardError {
         status: ExitStatus,
     },
     /// The plugin speaks another version of the messages.
-    #[error("plugin speaks lock-step version {found}, this program {WIRE_VERSION}; build both from one commit")]
+    #[error(
+        "plugin speaks lock-step version {found}, this program {WIRE_VERSION}; build both from one commit"
+    )]
     Version {
         /// The plugin's version.
         found: u64,
@@ -112,7 +118,9 @@ pub enum BoardError {
         source: io::Error,
     },
     /// The guest ended the run by itself: 1 = panic, 2 = HardFault.
-    #[error("the firmware ended itself at {now_ns} ns of guest time with code {code:?}: 1 is a panic, 2 a HardFault; see its log")]
+    #[error(
+        "the firmware ended itself at {now_ns} ns of guest time with code {code:?}: 1 is a panic, 2 a HardFault; see its log"
+    )]
     GuestExit {
         /// Guest time.
         now_ns: u64,
@@ -223,26 +231,39 @@ impl<B: BusPeer> BoardRunner<B> {
     /// [`BoardError`] but for `GuestExit`.
     pub fn start(config: &BoardConfig, bus: B) -> Result<Self, BoardError> {
         let path = socket_path();
-        let listener =
-            UnixListener::bind(&path).map_err(|source| BoardError::Socket { path: path.clone(), source })?;
-        let started = Self::spawn(config, &path).and_then(|mut child| match accept(&listener, &mut child) {
-            Ok(stream) => Ok((child, stream)),
-            Err(error) => {
-                let _ = child.kill();
-                let _ = child.wait();
-                Err(error)
-            }
-        });
+        let listener = UnixListener::bind(&path).map_err(|source| BoardError::Socket {
+            path: path.clone(),
+            source,
+        })?;
+        let started =
+            Self::spawn(config, &path).and_then(|mut child| match accept(&listener, &mut child) {
+                Ok(stream) => Ok((child, stream)),
+                Err(error) => {
+                    let _ = child.kill();
+                    let _ = child.wait();
+                    Err(error)
+                }
+            });
         // The name is no longer needed, whether it worked or not.
         let _ = std::fs::remove_file(&path);
         let (child, writer) = started?;
-        let mut reader = BufReader::new(writer.try_clone().map_err(|source| BoardError::Gone { source })?);
+        let mut reader = BufReader::new(
+            writer
+                .try_clone()
+                .map_err(|source| BoardError::Gone { source })?,
+        );
         let report = Report::read(&mut reader).map_err(|source| BoardError::Gone { source })?;
         if report.cause != Cause::Hello || report.now_ns != u64::from(WIRE_VERSION) {
-            return Err(BoardError::Version { found: report.now_ns });
+            return Err(BoardError::Version {
+                found: report.now_ns,
+            });
         }
-        let inputs =
-            Inputs { stop_open: false, battery_sample: BATTERY_FULL_SAMPLE, reset: false, damage: Vec::new() };
+        let inputs = Inputs {
+            stop_open: false,
+            battery_sample: BATTERY_FULL_SAMPLE,
+            reset: false,
+            damage: Vec::new(),
+        };
         Ok(BoardRunner {
             child,
             reader,
@@ -260,12 +281,20 @@ impl<B: BusPeer> BoardRunner<B> {
     fn spawn(config: &BoardConfig, socket: &std::path::Path) -> Result<Child, BoardError> {
         let log = match &config.log {
             None => Stdio::null(),
-            Some(path) => {
-                Stdio::from(File::create(path).map_err(|source| BoardError::Log { path: path.clone(), source })?)
-            }
+            Some(path) => Stdio::from(File::create(path).map_err(|source| BoardError::Log {
+                path: path.clone(),
+                source,
+            })?),
         };
         Command::new(&config.qemu)
-            .args(["-machine", "b-l475e-iot01a", "-nodefaults", "-display", "none", "-icount"])
+            .args([
+                "-machine",
+                "b-l475e-iot01a",
+                "-nodefaults",
+                "-display",
+                "none",
+                "-icount",
+            ])
             .arg(format!("shift={ICOUNT_SHIFT},sleep=off"))
             .args(["-semihosting-config", "enable=on,target=native", "-kernel"])
             .arg(&config.elf)
@@ -274,7 +303,10 @@ impl<B: BusPeer> BoardRunner<B> {
             .stdin(Stdio::null())
             .stdout(log)
             .spawn()
-            .map_err(|source| BoardError::Start { program: config.qemu.clone(), source })
+            .map_err(|source| BoardError::Start {
+                program: config.qemu.clone(),
+                source,
+            })
     }
 
     /// Guest time, nanoseconds.
@@ -302,7 +334,9 @@ impl<B: BusPeer> BoardRunner<B> {
 
     /// Takes what the guest has sent on a host link.
     pub fn receive(&mut self, port: Port) -> Vec<u8> {
-        link_index(port).map_or_else(Vec::new, |index| std::mem::take(&mut self.links[index].received))
+        link_index(port).map_or_else(Vec::new, |index| {
+            std::mem::take(&mut self.links[index].received)
+        })
     }
 
     /// Opens or closes the STOP circuit.
@@ -341,7 +375,9 @@ impl<B: BusPeer> BoardRunner<B> {
     /// # Errors
     /// As [`Self::run_until`].
     pub fn run_until_received(&mut self, port: Port, until_ns: u64) -> Result<bool, BoardError> {
-        let has = |runner: &Self| link_index(port).is_some_and(|index| !runner.links[index].received.is_empty());
+        let has = |runner: &Self| {
+            link_index(port).is_some_and(|index| !runner.links[index].received.is_empty())
+        };
         while !has(self) && self.now_ns() < until_ns {
             self.exchange(until_ns, false)?;
         }
@@ -379,7 +415,10 @@ impl<B: BusPeer> BoardRunner<B> {
             self.final_report = true;
             if !quit {
                 let code = self.child.wait().map_err(gone)?.code();
-                return Err(BoardError::GuestExit { now_ns: self.report.now_ns, code });
+                return Err(BoardError::GuestExit {
+                    now_ns: self.report.now_ns,
+                    code,
+                });
             }
         }
         Ok(())
@@ -390,8 +429,13 @@ impl<B: BusPeer> BoardRunner<B> {
         let mut upcoming = Vec::new();
         self.bus.upcoming(&mut upcoming);
         let coming = upcoming.into_iter().filter(|&(_, end_ns)| end_ns > now);
-        let mut bytes: Vec<_> =
-            coming.map(|(byte, end_ns)| TimedByte { port: Port::Bus, byte, end_ns }).collect();
+        let mut bytes: Vec<_> = coming
+            .map(|(byte, end_ns)| TimedByte {
+                port: Port::Bus,
+                byte,
+                end_ns,
+            })
+            .collect();
         for (line, port) in self.links.iter_mut().zip([Port::Wire, Port::Radio]) {
             line.launch(port, now, self.report.byte_ns[usize::from(port.number())]);
             bytes.extend(&line.travelling);
@@ -435,7 +479,11 @@ impl Line {
         let mut free_at = self.travelling.back().map_or(now_ns, |last| last.end_ns);
         for byte in self.waiting.drain(..) {
             free_at += byte_ns;
-            self.travelling.push_back(TimedByte { port, byte, end_ns: free_at });
+            self.travelling.push_back(TimedByte {
+                port,
+                byte,
+                end_ns: free_at,
+            });
         }
     }
 }

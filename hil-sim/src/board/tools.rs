@@ -12,7 +12,9 @@ const QEMU_MAJOR: u32 = 10;
 #[derive(Debug, Error, PartialEq, Eq)]
 pub enum Unavailable {
     /// No such program.
-    #[error("qemu-system-arm is not installed (Debian 12: package qemu-system-arm from bookworm-backports)")]
+    #[error(
+        "qemu-system-arm is not installed (Debian 12: package qemu-system-arm from bookworm-backports)"
+    )]
     NoQemu,
     /// Too old, or newer than what was tried.
     #[error("qemu-system-arm is version {found}, version 10 is needed")]
@@ -47,12 +49,21 @@ pub struct Built {
 /// [`Unavailable::NoQemu`], [`Unavailable::WrongQemu`].
 pub fn find_qemu() -> Result<PathBuf, Unavailable> {
     let program = PathBuf::from("qemu-system-arm");
-    let output = Command::new(&program).arg("--version").output().map_err(|_| Unavailable::NoQemu)?;
+    let output = Command::new(&program)
+        .arg("--version")
+        .output()
+        .map_err(|_| Unavailable::NoQemu)?;
     let text = String::from_utf8_lossy(&output.stdout);
     let version = text.split_whitespace().nth(3).unwrap_or("unknown");
-    match version.split('.').next().and_then(|major| major.parse::<u32>().ok()) {
+    match version
+        .split('.')
+        .next()
+        .and_then(|major| major.parse::<u32>().ok())
+    {
         Some(QEMU_MAJOR) => Ok(program),
-        _ => Err(Unavailable::WrongQemu { found: version.to_owned() }),
+        _ => Err(Unavailable::WrongQemu {
+            found: version.to_owned(),
+        }),
     }
 }
 
@@ -68,7 +79,10 @@ fn cargo(root: &Path, what: &'static str, arguments: &[&str]) -> Result<(), Unav
     if status.is_ok_and(|s| s.success()) {
         return Ok(());
     }
-    Err(Unavailable::Build { what, command: format!("cargo {}", arguments.join(" ")) })
+    Err(Unavailable::Build {
+        what,
+        command: format!("cargo {}", arguments.join(" ")),
+    })
 }
 
 /// Builds image and plugin into `target/board` of the workspace at `root`, apart from the build that may be running.
@@ -78,11 +92,23 @@ fn cargo(root: &Path, what: &'static str, arguments: &[&str]) -> Result<(), Unav
 pub fn build(root: &Path) -> Result<Built, Unavailable> {
     let qemu = find_qemu()?;
     let target = "target/board";
-    cargo(root, "the firmware image", &["fw", "--quiet", "--target-dir", target])?;
+    cargo(
+        root,
+        "the firmware image",
+        &["fw", "--quiet", "--target-dir", target],
+    )?;
     cargo(
         root,
         "the QEMU plugin",
-        &["build", "--quiet", "--package", "qemu-shim", "--release", "--target-dir", target],
+        &[
+            "build",
+            "--quiet",
+            "--package",
+            "qemu-shim",
+            "--release",
+            "--target-dir",
+            target,
+        ],
     )?;
     let target = root.join(target);
     Ok(Built {
