@@ -1,2 +1,7 @@
 //! rb-host: upload, run, record, search, match, diagnose.
-fn main() {}
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    host::run(std::env::args_os())
+}

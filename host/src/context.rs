@@ -1,0 +1,150 @@
+//! What every command gets: settings, output, and the way to a robot.
+
+use std::time::Duration;
+
+use control::robot::RobotModel;
+
+use crate::cli::{Global, parse_duration};
+use crate::failure::{Exit, Failure, Outcome};
+use crate::interrupt;
+use crate::link::find::{self, Candidate};
+use crate::link::keys::KeyStore;
+use crate::link::{self, LinkError, PortUri, Robot};
+use crate::output::{Level, Output};
+use crate::settings::{self, Key, Settings};
+
+/// What every command gets.
+#[derive(Debug)]
+pub struct Context {
+    /// Where and how to print.
+    pub out: Output,
+    /// Settings with their origins.
+    pub settings: Settings,
+    /// Answer yes to questions.
+    pub yes: bool,
+}
+
+impl Context {
+    /// Gathers settings and starts to catch Ctrl-C.
+    ///
+    /// # Errors
+    /// A bad configuration file or environment variable.
+    pub fn new(global: &Global) -> Outcome<Self> {
+        let level = match (global.quiet, global.verbose) {
+            (true, _) => Level::Quiet,
+            (_, true) => Level::Verbose,
+            _ => Level::Normal,
+        };
+        let out = Output::new(level, global.json, global.color);
+        let settings = Settings::gather(global)?;
+        interrupt::install();
+        Ok(Self {
+            out,
+            settings,
+            yes: global.yes,
+        })
+    }
+
+    /// The robot model that host checks use: the same defaults as the firmware.
+    #[must_use]
+    pub fn robot_model(&self) -> RobotModel {
+        RobotModel::default()
+    }
+
+    /// Baud rate.
+    #[must_use]
+    pub fn baud(&self) -> u32 {
+        self.settings
+            .get(Key::Baud)
+            .value
+            .parse()
+            .unwrap_or(115_200)
+    }
+
+    /// Longest wait for an answer.
+    #[must_use]
+    pub fn timeout(&self) -> Duration {
+        parse_duration(&self.settings.get(Key::Timeout).value).unwrap_or(Duration::from_secs(2))
+    }
+
+    /// Where keys are kept.
+    #[must_use]
+    pub fn keys(&self) -> KeyStore {
+        let file = self.settings.get(Key::KeyFile).value;
+        let file = (!file.is_empty()).then(|| file.into());
+        KeyStore::new(
+            settings::user_folder().map(|folder| folder.join("keys")),
+            file,
+        )
+    }
+
+    /// The port: as set, else the only device that answers, else the emulated robot in this process, said loudly.
+    ///
+    /// # Errors
+    /// Exit code 4 when several robots answer.
+    pub fn port(&self) -> Outcome<PortUri> {
+        let setting = self.settings.get(Key::Port);
+        if !setting.value.is_empty() {
+            self.out.detail(format_args!(
+                "port {} (from {})",
+                setting.value, setting.origin
+            ));
+            return setting
+                .value
+                .parse()
+                .map_err(|e| Failure::new(Exit::Usage, anyhow::Error::new(e)));
+        }
+        let answered = self.probe();
+        match answered.as_slice() {
+            [] => {
+                self.out.warn(
+                    "NO ROBOT FOUND: using the EMULATED robot in this process. Nothing real will move. \
+                     Give --port to choose one, or --port sim: to silence this.",
+                );
+                Ok(PortUri::Sim(None))
+            }
+            [only] => {
+                self.out.say(format_args!("port {}", only.path.display()));
+                Ok(only.uri())
+            }
+            several => {
+                let list: Vec<String> = several
+                    .iter()
+                    .map(|c| c.path.display().to_string())
+                    .collect();
+                let message = format!("{} robots answer: {}", several.len(), list.join(", "));
+                Err(Failure::say(Exit::Port, message).hint("choose one with --port"))
+            }
+        }
+    }
+
+    fn probe(&self) -> Vec<Candidate> {
+        let likely = find::candidates().into_iter().filter(Candidate::is_likely);
+        let answers = |c: &Candidate| match find::probe(c, self.baud()) {
+            Ok(_) => true,
+            Err(LinkError::Version { .. }) => true,
+            Err(error) => {
+                self.out
+                    .detail(format_args!("{}: {error}", c.path.display()));
+                false
+            }
+        };
+        likely.filter(answers).collect()
+    }
+
+    /// Opens the port and says HELLO.
+    ///
+    /// # Errors
+    /// Exit codes 4, 5, 6.
+    pub fn connect(&self) -> Outcome<Robot> {
+        let uri = self.port()?;
+        let link = link::open(&uri, self.baud())?;
+        let robot = Robot::connect(link, self.timeout(), &self.keys())?;
+        let hello = robot.hello();
+        self.out.detail(format_args!(
+            "robot {} on {uri}, firmware {}",
+            hello.robot_id, hello.firmware
+        ));
+        Ok(robot)
+    }
+}

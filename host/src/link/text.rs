@@ -1,0 +1,332 @@
+//! Protocol values in words.
+
+use control::robot::JOINT_NAMES;
+use protocol::link::{
+    EndReason, Event, EventKind, Fault, GaitReject, ModuleState, Reject, ResetCause,
+};
+
+/// A digest in hexadecimal.
+#[must_use]
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|b| format!("{b:02x}")).collect()
+}
+
+/// Name of a joint.
+#[must_use]
+pub fn joint(index: u8) -> String {
+    let name = JOINT_NAMES.get(usize::from(index)).copied().unwrap_or("?");
+    format!("joint {index} ({name})")
+}
+
+/// Joints of a mask, such as `0 (A.M0), 3 (B.M0)`.
+#[must_use]
+pub fn joints(mask: u8) -> String {
+    let list: Vec<String> = JOINT_NAMES
+        .iter()
+        .enumerate()
+        .filter(|(k, _)| mask & (1 << k) != 0)
+        .map(|(k, name)| format!("{k} ({name})"))
+        .collect();
+    if list.is_empty() {
+        "none".to_owned()
+    } else {
+        list.join(", ")
+    }
+}
+
+/// A state as in `--json`.
+#[must_use]
+pub fn state(state: ModuleState) -> &'static str {
+    match state {
+        ModuleState::Boot => "boot",
+        ModuleState::Unhomed => "unhomed",
+        ModuleState::Idle => "idle",
+        ModuleState::Armed => "armed",
+        ModuleState::Run => "run",
+        ModuleState::Stopping => "stopping",
+        ModuleState::Fault => "fault",
+        ModuleState::EStop => "estop",
+    }
+}
+
+/// A reset cause as in `--json`.
+#[must_use]
+pub fn reset_cause(cause: ResetCause) -> &'static str {
+    match cause {
+        ResetCause::PowerOn => "power_on",
+        ResetCause::BrownOut => "brown_out",
+        ResetCause::Pin => "pin",
+        ResetCause::Watchdog => "watchdog",
+        ResetCause::Software => "software",
+        ResetCause::Crash => "crash",
+        ResetCause::Unknown => "unknown",
+    }
+}
+
+/// A fault in words, with what to do.
+#[must_use]
+pub fn fault(fault: &Fault) -> String {
+    match *fault {
+        Fault::DriverLost { joint: j } => {
+            format!("{} does not answer: check its cable and power", joint(j))
+        }
+        Fault::DriverReset { joint: j } => format!(
+            "the driver of {} restarted: its zero is lost, home again",
+            joint(j)
+        ),
+        Fault::DriverError { joint: j, bits } => {
+            format!(
+                "the driver of {} latched a hardware error (register 70 = {bits:#04x})",
+                joint(j)
+            )
+        }
+        Fault::EncoderJump { joint: j } => format!(
+            "the encoder of {} jumped: check its plug, home again",
+            joint(j)
+        ),
+        Fault::Stall { joint: j } => format!("{} is stalled: free it", joint(j)),
+        Fault::EchoMismatch { joint: j } => format!(
+            "the driver of {} applied another set-point than it was sent",
+            joint(j)
+        ),
+        Fault::BusLost => {
+            "the motor bus is unusable: a driver babbles or the line is stuck".to_owned()
+        }
+        Fault::Overrun => "control cycles were missed".to_owned(),
+        Fault::LowBattery => "the battery is low: charge it".to_owned(),
+        Fault::GaitCorrupt => "the running gait no longer matches its checksum".to_owned(),
+        Fault::BadSetPoint => {
+            "a set-point was not finite or left its limits; it was not sent".to_owned()
+        }
+        Fault::Internal => {
+            "the module's own check failed: read `rb-host info` and report it".to_owned()
+        }
+    }
+}
+
+/// A refusal in words.
+#[must_use]
+pub fn reject(reason: &Reject) -> String {
+    match reason {
+        Reject::Version { theirs, ours } => {
+            format!("it speaks protocol {ours}, this host {theirs}")
+        }
+        Reject::UnknownType { kind } => format!("it does not know message type {kind}"),
+        Reject::Malformed => "the message was not readable".to_owned(),
+        Reject::TrailingBytes => "the message was too long".to_owned(),
+        Reject::OtherSession => {
+            "the order belongs to an earlier boot or another session".to_owned()
+        }
+        Reject::BadTag => "the proof is wrong: this host has another key than the robot".to_owned(),
+        Reject::NoChallenge => "no challenge was open".to_owned(),
+        Reject::NoKey => "no key is set, so orders are taken on its wire port only".to_owned(),
+        Reject::WirePortOnly => "this is taken on its wire port only".to_owned(),
+        Reject::Busy => "it is still busy with an earlier order".to_owned(),
+        Reject::State { state: s } => format!("not possible in state {}", state(*s)),
+        Reject::NoSuchSlot { slots } => {
+            format!("no such slot, it has 0 to {}", slots.saturating_sub(1))
+        }
+        Reject::SlotEmpty => "the slot is empty".to_owned(),
+        Reject::SlotActive => "the slot is the active one".to_owned(),
+        Reject::OtherGait { stored } => format!("the slot holds another gait ({})", hex(&stored.0)),
+        Reject::Gait(gait) => gait_reject(gait),
+        Reject::Duration { max_ms } => {
+            format!("the run is too long or zero, at most {} s", max_ms / 1000)
+        }
+        Reject::Countdown { max_ms } => format!("the countdown is too long, at most {max_ms} ms"),
+        Reject::NotHomed { missing_mask } => format!("not homed: joints {}", joints(*missing_mask)),
+        Reject::MotorsMissing { missing_mask } => {
+            format!("motors do not answer: joints {}", joints(*missing_mask))
+        }
+        Reject::Collision {
+            body_a,
+            body_b,
+            clearance_um,
+        } => format!(
+            "bodies {body_a} and {body_b} would come within {:.1} mm",
+            f64::from(*clearance_um) / 1000.0
+        ),
+        Reject::Battery {
+            battery_mv,
+            needed_mv,
+        } => {
+            format!(
+                "battery at {:.2} V, {:.2} V needed",
+                f64::from(*battery_mv) / 1e3,
+                f64::from(*needed_mv) / 1e3
+            )
+        }
+        Reject::Storage { fault } => format!("its flash failed ({fault:?})"),
+        Reject::Latched(f) => format!("a fault is latched: {}", fault(f)),
+        Reject::EStopLatched => "STOP is latched".to_owned(),
+        Reject::NoFault => "there is no fault to clear".to_owned(),
+        Reject::StopInputActive => "the STOP input is active".to_owned(),
+        Reject::JointMask => "no joint chosen, or one that does not exist".to_owned(),
+        Reject::NoSamples => "it keeps no samples from there on".to_owned(),
+        Reject::BusOrder => "the bus order is empty or too long".to_owned(),
+        Reject::Unsupported => "it cannot do that".to_owned(),
+    }
+}
+
+fn gait_reject(gait: &GaitReject) -> String {
+    match *gait {
+        GaitReject::OutOfRange {
+            field,
+            index,
+            value,
+            min,
+            max,
+        } => {
+            format!("{field:?} of entry {index} is {value}, allowed {min} to {max}")
+        }
+        GaitReject::NoOscillators => "the gait has no oscillators".to_owned(),
+        GaitReject::Name => "the gait's name is empty or not printable".to_owned(),
+        GaitReject::SelfLink { link } => format!("link {link} joins an oscillator to itself"),
+        GaitReject::LinkOutOfRange {
+            link,
+            oscillator,
+            count,
+        } => {
+            format!("link {link} names oscillator {oscillator} of {count}")
+        }
+        GaitReject::DuplicateLink { link, earlier } => {
+            format!("link {link} repeats link {earlier}")
+        }
+        GaitReject::JointCount {
+            oscillators,
+            joints,
+        } => format!("{oscillators} oscillators for {joints} joints"),
+        GaitReject::TooFast {
+            joint: j,
+            needed_rad_s,
+            limit_rad_s,
+        } => {
+            format!(
+                "{} would need {needed_rad_s:.3} rad/s of {limit_rad_s:.3}",
+                joint(j)
+            )
+        }
+    }
+}
+
+/// What to do about a refusal, where that is known.
+#[must_use]
+pub fn remedy(reason: &Reject) -> Option<&'static str> {
+    Some(match reason {
+        Reject::NotHomed { .. } => "place the robot in its home pose by hand, then `rb-host zero`",
+        Reject::BadTag => {
+            "copy the key file of this robot here, or set a new key over USB: `rb-host config key set`"
+        }
+        Reject::NoKey | Reject::WirePortOnly => {
+            "connect by USB and set a key: `rb-host config key set`"
+        }
+        Reject::Latched(_) | Reject::EStopLatched => {
+            "remove the cause, then `rb-host reset --fault`"
+        }
+        Reject::State { .. } | Reject::Busy => {
+            "`rb-host stop` ends a run; `rb-host info` shows the state"
+        }
+        Reject::NoSuchSlot { .. } | Reject::SlotEmpty | Reject::SlotActive => {
+            "`rb-host slots list` shows the slots"
+        }
+        Reject::MotorsMissing { .. } => "`rb-host bus scan` shows who answers",
+        Reject::StopInputActive => "release the STOP button",
+        Reject::Battery { .. } => "charge the battery",
+        Reject::Collision { .. } => {
+            "move the robot by hand nearer to the start pose, or change the gait's offsets"
+        }
+        Reject::OtherGait { .. } => "upload the gait again",
+        _ => return None,
+    })
+}
+
+/// Why a run ended, as in `--json`.
+#[must_use]
+pub fn end_reason(reason: &EndReason) -> String {
+    match reason {
+        EndReason::Completed => "completed".to_owned(),
+        EndReason::Stopped => "stopped".to_owned(),
+        EndReason::StopInput => "stop_input".to_owned(),
+        EndReason::ApproachBlocked => "approach_blocked".to_owned(),
+        EndReason::ArmTimeout => "arm_timeout".to_owned(),
+        EndReason::Fault(f) => format!("fault: {}", fault(f)),
+    }
+}
+
+/// Stable short name of an event, and the event in words.
+#[must_use]
+pub fn event(event: &Event) -> (&'static str, String) {
+    match &event.kind {
+        EventKind::Boot { cause } => ("boot", format!("started, cause {}", reset_cause(*cause))),
+        EventKind::State { from, to } => ("state", format!("{} -> {}", state(*from), state(*to))),
+        EventKind::GaitStored { slot, digest } => (
+            "gait_stored",
+            format!("slot {slot}, digest {}", hex(&digest.0)),
+        ),
+        EventKind::SlotActivated { slot } => ("slot_activated", format!("slot {slot}")),
+        EventKind::SlotErased { slot } => ("slot_erased", format!("slot {slot}")),
+        EventKind::RunStarted { slot, digest } => (
+            "run_started",
+            format!("slot {slot}, digest {}", hex(&digest.0)),
+        ),
+        EventKind::RunEnded { reason } => ("run_ended", end_reason(reason)),
+        EventKind::Fault(info) => (
+            "fault",
+            format!("{} (seen {} times)", fault(&info.fault), info.count),
+        ),
+        EventKind::FaultCleared => ("fault_cleared", String::new()),
+        EventKind::Hold {
+            body_a,
+            body_b,
+            clearance_um,
+            ahead_ms,
+        } => (
+            "hold",
+            format!(
+                "bodies {body_a} and {body_b} would have {:.1} mm in {ahead_ms} ms",
+                f64::from(*clearance_um) / 1000.0
+            ),
+        ),
+        EventKind::HoldEnded { cycles } => ("hold_ended", format!("after {cycles} cycles")),
+        EventKind::MotorLost { joint: j } => ("motor_lost", joint(*j)),
+        EventKind::MotorFound { joint: j } => ("motor_found", joint(*j)),
+        EventKind::MotorReset { joint: j } => ("motor_reset", joint(*j)),
+        EventKind::MotorError { joint: j, bits } => {
+            ("motor_error", format!("{}, bits {bits:#04x}", joint(*j)))
+        }
+        EventKind::Homed { mask } => ("homed", format!("joints {}", joints(*mask))),
+        EventKind::Unhomed { mask } => ("unhomed", format!("joints {}", joints(*mask))),
+        EventKind::Overrun { cycle_us } => ("overrun", format!("a cycle took {cycle_us} us")),
+        EventKind::LinkSilent => (
+            "link_silent",
+            "the host is silent; the run goes on to its end".to_owned(),
+        ),
+        EventKind::LinkBack => ("link_back", "the host is back".to_owned()),
+        EventKind::BadTag { request } => (
+            "bad_tag",
+            format!("an order of type {request} had a wrong proof"),
+        ),
+        EventKind::KeySet => ("key_set", String::new()),
+        EventKind::BatteryLow { battery_mv } => (
+            "battery_low",
+            format!("{:.2} V", f64::from(*battery_mv) / 1e3),
+        ),
+        EventKind::SetpointMismatch {
+            joint: j,
+            sent_urad,
+            applied_urad,
+        } => (
+            "setpoint_mismatch",
+            format!(
+                "{}: sent {:.6} rad, applied {:.6} rad",
+                joint(*j),
+                f64::from(*sent_urad) / 1e6,
+                f64::from(*applied_urad) / 1e6
+            ),
+        ),
+        EventKind::Stop { input } => (
+            "stop",
+            if *input { "STOP input" } else { "STOP order" }.to_owned(),
+        ),
+    }
+}

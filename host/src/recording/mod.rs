@@ -1,0 +1,28 @@
+//! Recordings: MCAP files with the `ros2` profile and CDR messages.
+//!
+//! [`Recorder`] appends whole chunks and flushes each to the disk, so a file cut by a power failure is complete up to its
+//! last chunk. [`read`] keeps every record before a damaged place and says where the damage is. [`csv`] and [`dataset`]
+//! write the columns and the folder of the data set format; [`check`] compares a recording with itself and the law.
+
+pub mod cdr;
+pub mod check;
+pub mod csv;
+pub mod dataset;
+mod decode;
+mod reader;
+pub mod rows;
+mod scan;
+pub mod schema;
+mod writer;
+
+pub use reader::{Attachment, ChannelCount, ReadError, Recording, RunData, parse, read};
+pub use rows::{EventRow, Feedback, JointRow, RunEndRow, RunStart, SampleRow};
+pub use scan::{Damage, DamageKind};
+pub use writer::{Header, Recorder, RecorderError};
+
+/// Profile of the file: tools read it as a ROS 2 bag.
+pub const PROFILE: &str = "ros2";
+/// Name under which the run metadata stands.
+pub const RUN_METADATA: &str = "rb.run";
+/// Version of the topics, fields and metadata described in docs/recording.md.
+pub const FORMAT: u32 = 1;
