@@ -120,7 +120,7 @@ impl Bus {
     /// last stop bit (transmission complete) [ns].
     pub fn send(&mut self, at_ns: u64, from: Talker, bytes: &[u8]) -> u64 {
         let byte_ns = self.params.byte_ns();
-        let mut start_ns = at_ns.max(self.busy_with(from));
+        let mut start_ns = at_ns.max(self.free_from_ns(from));
         for &byte in bytes {
             let end_ns = start_ns + byte_ns;
             let mut clean = true;
@@ -160,7 +160,9 @@ impl Bus {
         start_ns
     }
 
-    fn busy_with(&self, from: Talker) -> u64 {
+    /// From when a talker's own line is free [ns].
+    #[must_use]
+    pub fn free_from_ns(&self, from: Talker) -> u64 {
         self.talking_until
             .iter()
             .find(|(talker, _)| *talker == from)

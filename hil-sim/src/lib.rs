@@ -2,6 +2,7 @@
 //!
 //! - [`motor`]: one geared joint (motor, gear, friction, play, heat); [`body`]: what the joints carry
 //! - [`driver`]: registers and the 1 kHz loop of one motor driver
+//! - [`fault`]: seeded faults; [`effects`]: effects by their shared names
 //! - [`bus`]: the half-duplex wire, byte by byte
 //! - [`world`]: drivers, joints, supply, body and bus on one virtual clock
 //! - `board`: the firmware image in QEMU, on Unix
@@ -17,6 +18,7 @@ pub mod body;
 pub mod bus;
 pub mod driver;
 pub mod effects;
+pub mod fault;
 pub mod motor;
 pub mod plant;
 pub mod rng;

@@ -104,19 +104,18 @@ impl Plant {
         }
     }
 
-    /// One step under the bridges' commands, `bridge.bus_v` filled in here.
-    pub fn step(&mut self, bridges: &[(f64, bool)]) {
+    /// One step under the bridges' commands; their `bus_v` is filled in here.
+    pub fn step(&mut self, bridges: &[Bridge]) {
         let drawn_a: f64 = self
             .states
             .iter()
             .map(|state| state.applied_duty * state.current_a)
             .sum();
         self.bus_v = self.supply.bus_v(drawn_a) * self.supply_ratio;
-        for (index, &(duty, enabled)) in bridges.iter().enumerate().take(self.states.len()) {
+        for (index, command) in bridges.iter().enumerate().take(self.states.len()) {
             let bridge = Bridge {
-                duty,
-                enabled,
                 bus_v: self.bus_v,
+                ..*command
             };
             let mut drive = motor::step(
                 &self.params[index],

@@ -12,6 +12,8 @@ pub struct ControlParams {
     pub kp_1_s: f64,
     /// Speed gain, duty per rad/s at the output [s/rad].
     pub kv_s_rad: f64,
+    /// Damping beside `kv_s_rad`, which also damps [s/rad]; position D gain.
+    pub kv_damping_s_rad: f64,
     /// Integral gain, duty per rad s [1/(rad s)].
     pub ki_1_rad_s: f64,
     /// Largest duty, 0..=1.
@@ -39,6 +41,7 @@ impl Default for ControlParams {
             // and a phase margin above 50 degrees with the 1 kHz sampling and the two-tick speed estimate.
             kv_s_rad: 0.8,
             // Chosen: a proportional drive as the simulator's servo; integral action is there to be switched on.
+            kv_damping_s_rad: 0.0,
             ki_1_rad_s: 0.0,
             duty_limit: 1.0,
             velocity_limit_rad_s: f64::INFINITY,
@@ -127,9 +130,9 @@ impl ControlState {
         } else {
             0.0
         };
-        let proportional = params.kv_s_rad
-            * (params.loop_gain_ratio * params.kp_1_s * error
-                - params.damping_gain_ratio * self.velocity_rad_s);
+        let damping = params.damping_gain_ratio * params.kv_s_rad + params.kv_damping_s_rad;
+        let proportional = params.loop_gain_ratio * params.kp_1_s * params.kv_s_rad * error
+            - damping * self.velocity_rad_s;
         let integral = self.integral_duty + params.ki_1_rad_s * error * dt_s;
         let wanted = proportional + integral;
         let limited = wanted.clamp(-params.duty_limit, params.duty_limit);

@@ -4,10 +4,14 @@
 //! temperature, its own clock. It never sees true angles or time.
 
 pub mod control;
+pub mod registers;
 pub mod transport;
+pub mod unit;
 
 use control::{ControlParams, ControlState};
 use transport::{Transport, TransportParams};
+
+use crate::motor::Bridge;
 
 /// Conventions between the wire and the joint; neutral +1, 1, 0.
 #[derive(Clone, Debug, PartialEq)]
@@ -190,6 +194,10 @@ pub struct Driver {
     encoder_us: u64,
     readings: Readings,
     duty: f64,
+    homed: bool,
+    limit_a: f64,
+    limited: bool,
+    shutdown: u8,
 }
 
 impl Driver {
@@ -218,6 +226,10 @@ impl Driver {
             encoder_us: 0,
             readings: Readings::default(),
             duty: 0.0,
+            homed: false,
+            limit_a: f64::INFINITY,
+            limited: false,
+            shutdown: u8::MAX,
         }
     }
 
@@ -242,6 +254,39 @@ impl Driver {
         &mut self.params.control
     }
 
+    /// Guard limits, writable through registers.
+    pub fn guard_mut(&mut self) -> &mut GuardParams {
+        &mut self.params.guard
+    }
+
+    /// Current limit for the bridge, beside the joint's own [A].
+    pub fn set_current_limit(&mut self, limit_a: f64) {
+        self.limit_a = limit_a;
+    }
+
+    /// Which hardware errors release the motor (register 63); all are latched.
+    pub fn set_shutdown(&mut self, mask: u8) {
+        self.shutdown = mask;
+    }
+
+    /// True once a zero was set since the last restart.
+    #[must_use]
+    pub fn homed(&self) -> bool {
+        self.homed
+    }
+
+    /// True while current or duty stands at its limit.
+    #[must_use]
+    pub fn limited(&self) -> bool {
+        self.limited
+    }
+
+    /// Declares the present position to be zero.
+    pub fn zero_here(&mut self) {
+        self.set_home(self.home_rad - self.readings.position_rad);
+        self.homed = true;
+    }
+
     /// Restarts since power-up of the emulation.
     #[must_use]
     pub fn boots(&self) -> u32 {
@@ -264,10 +309,15 @@ impl Driver {
         &self.readings
     }
 
-    /// Duty for the bridge and whether the bridge is on.
+    /// What the bridge is told; its voltage is the plant's to fill in.
     #[must_use]
-    pub fn bridge(&self) -> (f64, bool) {
-        (self.duty, self.torque_on)
+    pub fn bridge(&self) -> Bridge {
+        Bridge {
+            duty: self.duty,
+            enabled: self.torque_on,
+            limit_a: self.limit_a,
+            bus_v: 0.0,
+        }
     }
 
     /// True while the motor is driven.
@@ -466,8 +516,8 @@ impl Driver {
             error |= error_bit::OVERHEATING;
         }
         // 95 % and 50 %: "at the limit" and "driven hard", apart from rounding and ripple.
-        let at_limit = sensors.current_a.abs() >= 0.95 * sensors.limit_a;
-        self.overload_us = if at_limit {
+        let at_limit = sensors.current_a.abs() >= 0.95 * sensors.limit_a.min(self.limit_a);
+        self.overload_us = if at_limit && self.torque_on {
             self.overload_us + period_us
         } else {
             0
@@ -484,9 +534,12 @@ impl Driver {
         if self.encoder_us as f64 * 1e-6 > guard.encoder_s {
             error |= error_bit::ENCODER;
         }
-        if error != 0 && self.torque_on {
+        self.limited = at_limit || sensors.applied_duty.abs() >= self.params.control.duty_limit;
+        if self.torque_on {
             self.hardware_error |= error;
-            self.set_torque(false);
+            if self.hardware_error & self.shutdown != 0 {
+                self.set_torque(false);
+            }
         }
     }
 

@@ -64,7 +64,7 @@ pub(super) fn step(params: &JointParams, state: &mut JointState, bridge: Bridge,
     } else {
         steady_a
     };
-    let limit = current_limit_a(params);
+    let limit = current_limit_a(params).min(bridge.limit_a);
     state.current_a = free_a.clamp(-limit, limit);
     // Chopping to the limit lowers the mean voltage to R i + emf.
     state.applied_duty = if state.current_a == free_a || bridge.bus_v <= 0.0 {

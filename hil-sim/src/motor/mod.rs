@@ -127,6 +127,8 @@ pub struct Bridge {
     pub duty: f64,
     /// False = all switches open: no current, the joint coasts.
     pub enabled: bool,
+    /// Current limit set in the driver [A]; infinite = only the joint's own limits.
+    pub limit_a: f64,
     /// Bus voltage [V].
     pub bus_v: f64,
 }

@@ -1,7 +1,7 @@
 //! One joint against closed forms.
 
 use hil_sim::body::{Stand, StandJoint};
-use hil_sim::motor::{JointKind, JointParams};
+use hil_sim::motor::{Bridge, JointKind, JointParams};
 use hil_sim::plant::Plant;
 use hil_sim::supply::SupplyParams;
 
@@ -28,10 +28,19 @@ fn plant(joint: JointParams) -> Plant {
     )
 }
 
+fn bridge(duty: f64, enabled: bool) -> Bridge {
+    Bridge {
+        duty,
+        enabled,
+        limit_a: f64::INFINITY,
+        bus_v: 0.0,
+    }
+}
+
 fn run(plant: &mut Plant, duty: f64, seconds: f64) {
     let steps = (seconds / STEP_S).round() as u64;
     for _ in 0..steps {
-        plant.step(&[(duty, true)]);
+        plant.step(&[bridge(duty, true)]);
     }
 }
 
@@ -157,7 +166,7 @@ fn energy_balance() {
     let mut plant = plant(joint);
     let (mut electrical_j, mut heat_j) = (0.0, 0.0);
     for _ in 0..2_000 {
-        plant.step(&[(0.8, true)]);
+        plant.step(&[bridge(0.8, true)]);
         let state = &plant.states()[0];
         electrical_j += 0.8 * 12.0 * state.current_a * STEP_S;
         heat_j += state.current_a * state.current_a * motor.resistance_ohm * STEP_S;
@@ -188,7 +197,7 @@ fn released_pendulum_keeps_its_swing() {
     .expect("valid");
     let (mut highest, mut crossings, mut before) = (0.0_f64, 0, 0.5);
     for step in 0..400_000_u32 {
-        plant.step(&[(0.0, false)]);
+        plant.step(&[bridge(0.0, false)]);
         let angle = plant.states()[0].link_rad;
         if angle * before < 0.0 {
             crossings += 1;
@@ -235,7 +244,7 @@ fn coulomb_friction_holds_and_brakes() {
     run(&mut plant, 1.0, 0.5);
     let start = plant.states()[0].gear_rad_s;
     for _ in 0..2_000 {
-        plant.step(&[(0.0, false)]);
+        plant.step(&[bridge(0.0, false)]);
     }
     let inertia = joint.motor.reflected_inertia_kg_m2() + LINK_KG_M2;
     near(
@@ -400,7 +409,7 @@ fn temperatures_follow_the_two_body_model() {
     .expect("valid");
     plant.set_jam(0, true);
     for _ in 0..330_000 {
-        plant.step(&[(duty, true)]);
+        plant.step(&[bridge(duty, true)]);
     }
     let state = &plant.states()[0];
     // Winding and case warm up together through the case's resistance; the winding stays its own drop above.

@@ -2,3 +2,4 @@
 
 mod joint;
 mod position_loop;
+mod wire;
