@@ -68,6 +68,20 @@ const fn sum(widths: &[u32]) -> u32 {
 const _: () = assert!(sum(&WIDTHS) as usize == PACKED_LEN * 8 - PACKED_LEN.div_ceil(3));
 
 impl PackedFeedback {
+    /// All zero.
+    pub const ZERO: Self = Self {
+        tick_4us: 0,
+        applied_urad: 0,
+        position_urad: 0,
+        velocity: 0,
+        current_ma: 0,
+        duty: 0,
+        voltage_5mv: 0,
+        temperature_c: 0,
+        status: 0,
+        boots: 0,
+    };
+
     /// The block as it goes on the wire. Values beyond a field's width saturate.
     #[must_use]
     pub fn to_bytes(&self) -> [u8; PACKED_LEN] {

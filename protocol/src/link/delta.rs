@@ -19,13 +19,13 @@ const MAX_MOTOR: usize = 2 + 4 * 5 + 6 * 3 + 2 * 2;
 pub(super) const MAX_SAMPLE: usize = 17 + JOINTS * MAX_MOTOR;
 
 /// What encoder and decoder remember; both start from zeros.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct SampleDelta {
     last: Sample,
     motors: [MotorHistory; JOINTS],
 }
 
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct MotorHistory {
     /// Last difference of the tick.
     tick_step: i32,
@@ -38,8 +38,16 @@ struct MotorHistory {
 impl SampleDelta {
     /// Nothing seen.
     #[must_use]
-    pub(super) fn new() -> Self {
-        Self::default()
+    pub(super) const fn new() -> Self {
+        let nothing = MotorHistory {
+            tick_step: 0,
+            position_step: 0,
+            setpoint_step: 0,
+        };
+        Self {
+            last: Sample::ZERO,
+            motors: [nothing; JOINTS],
+        }
     }
 
     /// Writes the code of `sample`; returns its length.

@@ -36,7 +36,7 @@ pub use status::{
     Counters, CrashKind, CrashRecord, Fault, FaultInfo, Hello, Info, ModuleState, ResetCause,
     SlotInfo,
 };
-pub use telemetry::{MotorSample, Sample, SampleBlock};
+pub use telemetry::{MotorSample, Sample, SampleBlock, SampleLog};
 
 /// Joints of a meta-module.
 pub const JOINTS: usize = control::robot::JOINTS;

@@ -2,7 +2,7 @@
 //!
 //! Numbers are the integers of [`crate::units`], as the packed feedback block carries them; nothing is rounded twice and every bit comes back.
 
-use heapless::Vec;
+use heapless::{Deque, Vec};
 use serde::{Deserialize, Serialize};
 
 use super::JOINTS;
@@ -35,6 +35,21 @@ pub struct Sample {
     pub valid_mask: u8,
     /// In joint order.
     pub motors: [MotorSample; JOINTS],
+}
+
+impl Sample {
+    /// All zero.
+    pub const ZERO: Self = Self {
+        cycle: 0,
+        t_us: 0,
+        flags: 0,
+        valid_mask: 0,
+        motors: [MotorSample {
+            dt_us: 0,
+            setpoint_urad: 0,
+            feedback: PackedFeedback::ZERO,
+        }; JOINTS],
+    };
 }
 
 /// Bits of [`Sample::flags`].
@@ -81,6 +96,12 @@ pub enum BlockError {
 }
 
 impl SampleBlock {
+    /// Index of the sample after the last one.
+    #[must_use]
+    pub fn end(&self) -> u32 {
+        self.first.saturating_add(u32::from(self.count))
+    }
+
     /// The samples inside, in order.
     #[must_use]
     pub fn samples(&self) -> Samples<'_> {
@@ -124,20 +145,22 @@ impl Iterator for Samples<'_> {
 
 /// Fills one block after the other.
 #[derive(Debug, Clone)]
-pub struct BlockWriter {
+struct BlockWriter {
     block: SampleBlock,
     state: SampleDelta,
+    /// Index of the next sample.
     next: u32,
 }
 
 impl BlockWriter {
-    /// A writer for one run.
-    #[must_use]
-    pub fn new(run: u16) -> Self {
+    const fn new(run: u16) -> Self {
         Self {
             block: SampleBlock {
                 run,
-                ..SampleBlock::default()
+                first: 0,
+                count: 0,
+                dropped: 0,
+                data: Vec::new(),
             },
             state: SampleDelta::new(),
             next: 0,
@@ -145,7 +168,7 @@ impl BlockWriter {
     }
 
     /// Adds a sample. When it does not fit any more, returns the finished block and begins the next with this sample.
-    pub fn push(&mut self, sample: &Sample) -> Option<SampleBlock> {
+    fn push(&mut self, sample: &Sample) -> Option<SampleBlock> {
         if self.append(sample) {
             return None;
         }
@@ -155,44 +178,17 @@ impl BlockWriter {
         full
     }
 
-    /// Counts a sample that was not kept; ends the current block, because blocks hold consecutive samples.
-    pub fn skip(&mut self) -> Option<SampleBlock> {
-        let ended = self.take();
-        self.next = self.next.saturating_add(1);
-        self.block.first = self.next;
-        self.block.dropped = self.block.dropped.saturating_add(1);
-        ended
-    }
-
-    /// Adds dropped samples that were already in finished blocks.
-    pub fn add_dropped(&mut self, samples: u32) {
-        self.block.dropped = self.block.dropped.saturating_add(samples);
-    }
-
     /// Ends the current block, if it holds anything.
-    pub fn take(&mut self) -> Option<SampleBlock> {
+    fn take(&mut self) -> Option<SampleBlock> {
         let next = SampleBlock {
-            run: self.block.run,
             first: self.next,
-            count: 0,
             dropped: self.block.dropped,
-            data: Vec::new(),
+            run: self.block.run,
+            ..SampleBlock::default()
         };
         self.state = SampleDelta::new();
         let ended = core::mem::replace(&mut self.block, next);
         (ended.count > 0).then_some(ended)
-    }
-
-    /// Samples seen so far, dropped ones included.
-    #[must_use]
-    pub fn seen(&self) -> u32 {
-        self.next
-    }
-
-    /// Samples dropped so far.
-    #[must_use]
-    pub fn dropped(&self) -> u32 {
-        self.block.dropped
     }
 
     fn append(&mut self, sample: &Sample) -> bool {
@@ -202,17 +198,128 @@ impl BlockWriter {
         let mut code = [0; delta::MAX_SAMPLE];
         let mut state = self.state;
         let used = state.encode(sample, &mut code);
-        if self
-            .block
-            .data
-            .extend_from_slice(code.get(..used).unwrap_or(&[]))
-            .is_err()
-        {
+        let code = code.get(..used).unwrap_or(&[]);
+        if self.block.data.extend_from_slice(code).is_err() {
             return false;
         }
         self.state = state;
         self.block.count = self.block.count.saturating_add(1);
         self.next = self.next.saturating_add(1);
         true
+    }
+}
+
+/// The telemetry of one run in at most `BLOCKS` blocks of 496 bytes: sent while the run goes on as the link allows, kept for a second request as long as
+/// there is room.
+///
+/// When memory is full, the oldest block that was sent once makes room. If none was sent, the newest samples are dropped and counted: what is there
+/// stays a whole beginning of the run.
+#[derive(Debug, Clone)]
+pub struct SampleLog<const BLOCKS: usize> {
+    blocks: Deque<SampleBlock, BLOCKS>,
+    /// Blocks at the front that were sent once.
+    sent: usize,
+    writer: BlockWriter,
+}
+
+impl<const BLOCKS: usize> Default for SampleLog<BLOCKS> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<const BLOCKS: usize> SampleLog<BLOCKS> {
+    /// Empty.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self {
+            blocks: Deque::new(),
+            sent: 0,
+            writer: BlockWriter::new(0),
+        }
+    }
+
+    /// Forgets the last run, begins one with this number.
+    pub fn begin(&mut self, run: u16) {
+        self.blocks.clear();
+        self.sent = 0;
+        self.writer = BlockWriter::new(run);
+    }
+
+    /// Takes a sample.
+    pub fn push(&mut self, sample: &Sample) {
+        if let Some(full) = self.writer.push(sample) {
+            self.store(full);
+        }
+    }
+
+    /// Ends the block that is being filled: at the end of the run, or to keep latency low.
+    pub fn flush(&mut self) {
+        if let Some(block) = self.writer.take() {
+            self.store(block);
+        }
+    }
+
+    /// The next block to be sent; it counts as sent now.
+    pub fn next_unsent(&mut self) -> Option<&SampleBlock> {
+        let block = self.blocks.iter().nth(self.sent)?;
+        self.sent = self.sent.saturating_add(1);
+        Some(block)
+    }
+
+    /// Forgets blocks that end before sample `from` and returns the block that holds it, or the next one kept. At the end: an empty block whose `first`
+    /// is the number of samples taken.
+    pub fn drain(&mut self, from: u32) -> SampleBlock {
+        while self.blocks.front().is_some_and(|block| block.end() <= from) {
+            let _ = self.blocks.pop_front();
+            self.sent = self.sent.saturating_sub(1);
+        }
+        match self.blocks.front() {
+            Some(block) => {
+                self.sent = self.sent.max(1);
+                block.clone()
+            }
+            None => SampleBlock {
+                run: self.writer.block.run,
+                first: self.writer.next,
+                dropped: self.dropped(),
+                ..SampleBlock::default()
+            },
+        }
+    }
+
+    /// Number of the run.
+    #[must_use]
+    pub fn run(&self) -> u16 {
+        self.writer.block.run
+    }
+
+    /// Samples taken in this run, dropped ones included.
+    #[must_use]
+    pub fn taken(&self) -> u32 {
+        self.writer.next
+    }
+
+    /// Samples of this run dropped before they were ever sent.
+    #[must_use]
+    pub fn dropped(&self) -> u32 {
+        self.writer.block.dropped
+    }
+
+    /// Blocks in memory.
+    #[must_use]
+    pub fn kept_blocks(&self) -> usize {
+        self.blocks.len()
+    }
+
+    fn store(&mut self, block: SampleBlock) {
+        if self.blocks.is_full() && self.sent > 0 {
+            let _ = self.blocks.pop_front();
+            self.sent = self.sent.saturating_sub(1);
+        }
+        if let Err(refused) = self.blocks.push_back(block) {
+            let dropped = &mut self.writer.block.dropped;
+            *dropped = dropped.saturating_add(u32::from(refused.count));
+        }
     }
 }
