@@ -1,1 +1,15 @@
 //! Diagnosis of the sim-to-real gap: where, which effect, how far it shrinks.
+
+pub mod candidates;
+pub mod diagnose;
+pub mod fit;
+pub mod floor;
+pub mod joint;
+pub mod locate;
+pub mod math;
+pub mod names;
+pub mod select;
+pub mod verdict;
+pub mod vocabulary;
+
+pub use diagnose::{Diagnosis, Settings, diagnose};

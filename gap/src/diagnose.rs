@@ -1,0 +1,253 @@
+//! One joint, from recordings to verdict.
+
+mod answer;
+mod calibrate;
+
+use std::collections::BTreeMap;
+
+use files::dataset::{Manifest, Recording, Role};
+
+use crate::candidates::{self, Scales};
+use crate::fit::{Model, Objective};
+use crate::floor::{self, Floor};
+use crate::joint::{P, Params, Problem};
+use crate::select::{Options, Rival, Search, Selection};
+use crate::verdict::Verdict;
+use crate::vocabulary::Effect;
+
+/// Settings of a diagnosis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Seed of global starts and bootstraps.
+    pub seed: u64,
+    /// Effects the library must not contain (leave-one-out checks).
+    pub withhold: Vec<Effect>,
+    /// Limits and thresholds of the search.
+    pub options: Options,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            withhold: Vec::new(),
+            options: Options::default(),
+        }
+    }
+}
+
+/// Why a data set cannot be diagnosed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum DiagnoseError {
+    /// No run has a position column for this joint.
+    #[error(
+        "joint {joint}: no run measured position; record position_rad (or _m) to get a diagnosis"
+    )]
+    NoPosition {
+        /// Joint.
+        joint: usize,
+    },
+    /// Nothing to fit.
+    #[error(
+        "joint {joint}: no run with role \"fit\" measured position; give at least one run role = \"fit\""
+    )]
+    NoFitRuns {
+        /// Joint.
+        joint: usize,
+    },
+}
+
+/// Everything that was found about one joint, before it is put into words.
+#[derive(Debug, Clone)]
+pub struct Diagnosis {
+    /// Data.
+    pub problem: Problem,
+    /// Noise.
+    pub floor: Floor,
+    /// Runs that were fitted.
+    pub fit_runs: Vec<usize>,
+    /// Runs the figures are taken on.
+    pub score_runs: Vec<usize>,
+    /// How they were split.
+    pub split: String,
+    /// Nothing is known of the servo: the nominal model is "position = set-point".
+    pub ideal: bool,
+    /// Nominal model.
+    pub nominal: Params,
+    /// Calibrated model.
+    pub calibrated: Model,
+    /// Search.
+    pub selection: Selection,
+    /// Rivals per effect found.
+    pub rivals: Vec<Vec<Rival>>,
+    /// Models with one effect alone, and with all but one.
+    pub alone_removed: Vec<(Model, Model)>,
+    /// Typical sizes.
+    pub scales: Scales,
+    /// Independent samples.
+    pub independent: f64,
+    /// The verdict.
+    pub verdict: Verdict,
+}
+
+fn measured(problem: &Problem, run: usize) -> bool {
+    problem.runs[run]
+        .samples
+        .iter()
+        .any(|s| s.enabled && s.measured[0].is_finite())
+}
+
+/// Fit runs and score runs, and how they were chosen.
+fn split(problem: &Problem) -> (Vec<usize>, Vec<usize>, String) {
+    let usable: Vec<usize> = (0..problem.runs.len())
+        .filter(|r| measured(problem, *r))
+        .collect();
+    let role = |r: &usize| problem.runs[*r].role;
+    if usable.iter().any(|r| role(r) == Some(Role::Check)) {
+        let fit = usable
+            .iter()
+            .copied()
+            .filter(|r| role(r) != Some(Role::Check))
+            .collect();
+        let score = usable
+            .iter()
+            .copied()
+            .filter(|r| role(r) == Some(Role::Check))
+            .collect();
+        return (fit, score, "roles of the data set".into());
+    }
+    let mut gaits: Vec<usize> = usable.iter().map(|r| problem.runs[*r].gait).collect();
+    gaits.dedup();
+    gaits.sort_unstable();
+    gaits.dedup();
+    if gaits.len() >= 3 {
+        // Every third gait is held out, beginning with the third.
+        let held = |r: &usize| {
+            gaits
+                .iter()
+                .position(|g| *g == problem.runs[*r].gait)
+                .is_some_and(|i| i % 3 == 2)
+        };
+        let (score, fit) = usable.iter().partition(|r| held(r));
+        return (fit, score, "every third gait held out".into());
+    }
+    if usable.len() >= 3 {
+        let (score, fit): (Vec<(usize, usize)>, Vec<_>) = usable
+            .into_iter()
+            .enumerate()
+            .partition(|(i, _)| i % 3 == 2);
+        let strip = |v: Vec<(usize, usize)>| v.into_iter().map(|x| x.1).collect();
+        return (
+            strip(fit),
+            strip(score),
+            "every third run held out: fewer than three gaits".into(),
+        );
+    }
+    (
+        usable.clone(),
+        usable,
+        "nothing held out: fewer than three runs".into(),
+    )
+}
+
+/// At most four groups of gaits (of runs, where there is only one gait).
+fn folds(problem: &Problem, runs: &[usize]) -> Vec<Vec<usize>> {
+    let mut keys: Vec<usize> = runs.iter().map(|r| problem.runs[*r].gait).collect();
+    keys.sort_unstable();
+    keys.dedup();
+    let by_gait = keys.len() >= 2;
+    let count = if by_gait { keys.len() } else { runs.len() }.min(4);
+    let mut out = vec![Vec::new(); count];
+    for (i, r) in runs.iter().enumerate() {
+        let key = if by_gait {
+            keys.iter()
+                .position(|k| *k == problem.runs[*r].gait)
+                .unwrap_or(0)
+        } else {
+            i
+        };
+        out[key % count].push(*r);
+    }
+    out
+}
+
+/// Diagnoses joint `joint` of a data set.
+///
+/// # Errors
+/// When no run measured the joint's position.
+pub fn diagnose(
+    manifest: &Manifest,
+    recordings: &[Recording],
+    joint: usize,
+    settings: &Settings,
+) -> Result<Diagnosis, DiagnoseError> {
+    let problem =
+        Problem::new(manifest, recordings, joint).ok_or(DiagnoseError::NoPosition { joint })?;
+    let (fit_runs, score_runs, split) = split(&problem);
+    if fit_runs.is_empty() {
+        return Err(DiagnoseError::NoFitRuns { joint });
+    }
+    let floor = floor::floor(&problem);
+    let seconds: f64 = fit_runs
+        .iter()
+        .map(|r| problem.runs[*r].steps as f64 * problem.dt_s)
+        .sum();
+    // Model errors of a joint are alike for about half a second; beyond a thousand samples priors hardly matter.
+    let independent = (2.0 * seconds).clamp(10.0, 1000.0);
+    let free = candidates::nominal(&problem);
+    let unknown = free.iter().any(|f| f.tolerance.is_none());
+    let k = problem.known;
+    let ideal = k.kp.is_none() && !k.effort_unit;
+    let objective = Objective {
+        problem: &problem,
+        runs: fit_runs.clone(),
+        weight: floor.weights(),
+        prior_weight: 0.0,
+    };
+    let (nominal, calibrated) = calibrate::calibrate(&objective, free, independent, settings.seed);
+    let scales = candidates::scales(&problem, &calibrated.params);
+    let mut library = candidates::library(&problem, &scales);
+    library.retain(|c| !settings.withhold.contains(&c.effect));
+    let options = Options {
+        thorough: unknown,
+        ..settings.options
+    };
+    let search = Search {
+        objective: objective.clone(),
+        folds: folds(&problem, &fit_runs),
+        library,
+        floor_cost: floor.cost(),
+        independent,
+        options,
+    };
+    let known: Vec<P> = calibrated.free.iter().map(|f| f.p).collect();
+    let selection = search.run(calibrated.clone());
+    let rivals = search.rivals(&selection, &known, 4);
+    let alone_removed = search.alone_and_removed(&selection, &calibrated, &known);
+    let library = search.library;
+    let mut out = Diagnosis {
+        floor,
+        fit_runs,
+        score_runs,
+        split,
+        ideal,
+        nominal,
+        calibrated,
+        selection,
+        rivals,
+        alone_removed,
+        scales,
+        independent,
+        verdict: answer::empty(),
+        problem,
+    };
+    out.verdict = answer::verdict(&out, &library, settings);
+    Ok(out)
+}
+
+/// Metrics of a model on the score runs.
+#[must_use]
+pub fn metrics(d: &Diagnosis, params: &Params, ideal: bool) -> BTreeMap<&'static str, f64> {
+    answer::metrics(d, params, ideal)
+}

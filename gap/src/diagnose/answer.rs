@@ -1,0 +1,604 @@
+//! From the search to the verdict.
+
+use std::collections::BTreeMap;
+
+use super::{Diagnosis, Settings};
+use crate::candidates::{self, Candidate};
+use crate::fit;
+use crate::joint::{Channel, Params, Trace, simulate};
+use crate::locate;
+use crate::math;
+use crate::names;
+use crate::verdict::*;
+use crate::vocabulary::{Effect, Stage};
+
+/// Two models explain the data equally well below this many standard deviations.
+const MARGIN: f64 = 3.0;
+/// A remainder of this many floors is significant.
+const REMAINDER: f64 = 2.0;
+
+fn per_run(d: &Diagnosis, params: &Params, ideal: bool, absolute: bool) -> Vec<f64> {
+    let one = |r: &usize| {
+        let e = locate::errors(
+            &d.problem,
+            &d.problem.runs[*r],
+            params,
+            ideal,
+            Channel::Position,
+        );
+        if absolute {
+            e.iter().map(|x| x.abs()).sum::<f64>() / e.len().max(1) as f64
+        } else {
+            math::rms(&e)
+        }
+    };
+    d.score_runs.iter().map(one).collect()
+}
+
+/// All metrics on the score runs: per run first, then the equal-weight mean.
+pub(super) fn metrics(d: &Diagnosis, params: &Params, ideal: bool) -> BTreeMap<&'static str, f64> {
+    let mut out = BTreeMap::new();
+    out.insert(
+        "position_rmse_rad",
+        math::mean(&per_run(d, params, ideal, false)),
+    );
+    out.insert(
+        "position_mae_rad",
+        math::mean(&per_run(d, params, ideal, true)),
+    );
+    for (name, channel) in [
+        ("link_rmse_rad", Channel::Link),
+        ("effort_rmse_nm", Channel::Effort),
+    ] {
+        if candidates::measured(&d.problem, channel) {
+            let one = |r: &usize| {
+                math::rms(&locate::errors(
+                    &d.problem,
+                    &d.problem.runs[*r],
+                    params,
+                    false,
+                    channel,
+                ))
+            };
+            out.insert(
+                name,
+                math::mean(&d.score_runs.iter().map(one).collect::<Vec<_>>()),
+            );
+        }
+    }
+    out
+}
+
+fn score(d: &Diagnosis, params: &Params, ideal: bool) -> f64 {
+    math::mean(&per_run(d, params, ideal, false))
+}
+
+fn bootstrap(values: &[f64], seed: u64) -> [f64; 2] {
+    let mut rng = math::Rng::new(seed);
+    let draw = |rng: &mut math::Rng| {
+        math::mean(
+            &values
+                .iter()
+                .map(|_| values[rng.index(values.len())])
+                .collect::<Vec<_>>(),
+        )
+    };
+    let all: Vec<f64> = (0..400).map(|_| draw(&mut rng)).collect();
+    [math::quantile(&all, 0.025), math::quantile(&all, 0.975)]
+}
+
+fn gap(d: &Diagnosis, settings: &Settings) -> Gap {
+    let before = score(d, &d.nominal, d.ideal);
+    let after_calibration = score(d, &d.calibrated.params, false);
+    let runs = per_run(d, &d.selection.model.params, false, false);
+    let after = math::mean(&runs);
+    let floor = d.floor.of(0);
+    let share = |a: f64, b: f64| if b > 0.0 { 1.0 - a / b } else { 0.0 };
+    let linear = d.problem.linear;
+    Gap {
+        metric: if linear {
+            "position_rmse_m"
+        } else {
+            "position_rmse_rad"
+        }
+        .into(),
+        unit: if linear { "m" } else { "rad" }.into(),
+        before,
+        after_calibration,
+        after,
+        floor,
+        floor_source: if d.floor.repeat.is_some() {
+            "repeats"
+        } else {
+            "noise"
+        }
+        .into(),
+        ci95_after: bootstrap(&runs, settings.seed),
+        shrink: share(after, before),
+        shrink_after_calibration: share(after, after_calibration),
+        shrink_of_achievable: d.floor.repeat.map(|_| {
+            if before > floor {
+                (before - after) / (before - floor)
+            } else {
+                1.0
+            }
+        }),
+        held_out_runs: d
+            .score_runs
+            .iter()
+            .map(|r| d.problem.runs[*r].name.clone())
+            .collect(),
+    }
+}
+
+/// Cost of the final model over that of a perfect one.
+fn remainder(d: &Diagnosis) -> f64 {
+    (d.selection.held_out / d.floor.cost().max(1e-9)).sqrt()
+}
+
+fn word(d: &Diagnosis, gap: &Gap) -> Word {
+    let found = &d.selection.found;
+    let first = d.selection.steps.first().map_or(0.0, |s| s.held_out);
+    let floor = d.floor.cost();
+    let explained = 1.0 - (d.selection.held_out - floor).max(0.0) / (first - floor).max(1e-9);
+    let left = remainder(d) > REMAINDER;
+    let repeats = d.floor.repeat.is_some();
+    match (found.is_empty(), left) {
+        (true, false) => Word::None,
+        (true, true) if repeats || gap.shrink < 0.25 => Word::Unknown,
+        (true, true) => Word::PartlyExplained,
+        (false, true) if repeats && explained < 0.8 => Word::Unknown,
+        (false, true) => Word::PartlyExplained,
+        (false, false) if found.iter().all(|f| f.candidate.effect.is_base()) => Word::Parametric,
+        (false, false) => Word::Explained,
+    }
+}
+
+/// How many standard deviations a rival is worse: likelihood ratio of two fits to errors of unknown size.
+fn margin(cost_ratio: f64, independent: f64) -> f64 {
+    (independent * libm::log(cost_ratio.max(1.0))).sqrt()
+}
+
+/// The dead-zone class of design and literature: with set-point and position alone they cannot be told apart.
+const DEAD_ZONE: [Effect; 3] = [Effect::Deadband, Effect::Backlash, Effect::StribeckFriction];
+
+fn position_only(d: &Diagnosis) -> bool {
+    [
+        Channel::Current,
+        Channel::Duty,
+        Channel::Link,
+        Channel::Effort,
+    ]
+    .iter()
+    .all(|c| !candidates::measured(&d.problem, *c))
+}
+
+/// Members of the class of effect `k` of the search that this data cannot separate, with their weights.
+fn class(d: &Diagnosis, k: usize) -> Vec<(Effect, f64)> {
+    let found = d.selection.found[k].candidate.effect;
+    let mut out = vec![(found, 1.0)];
+    for r in &d.rivals[k] {
+        let m = margin(r.cost_ratio, d.independent);
+        if m < MARGIN {
+            out.push((r.effect, libm::exp(-0.5 * m * m)));
+        }
+    }
+    if position_only(d) && DEAD_ZONE.contains(&found) {
+        for e in DEAD_ZONE {
+            if out.iter().all(|o| o.0 != e) {
+                out.push((e, 0.3));
+            }
+        }
+        out.retain(|o| DEAD_ZONE.contains(&o.0));
+    }
+    let taken = |e: Effect| {
+        d.selection
+            .found
+            .iter()
+            .enumerate()
+            .any(|(i, f)| i != k && f.candidate.effect == e)
+    };
+    out.retain(|o| !taken(o.0));
+    out.truncate(3);
+    let sum: f64 = out.iter().map(|o| o.1).sum();
+    out.iter_mut().for_each(|o| o.1 /= sum);
+    out
+}
+
+fn effect_rows(d: &Diagnosis, left: f64) -> Vec<EffectRow> {
+    let s = &d.selection;
+    let errors = fit_errors(d);
+    let n = s.found.len() as f64;
+    let row = |(k, f): (usize, &crate::select::Found)| {
+        let c = &f.candidate;
+        let own = class(d, k).first().map_or(1.0, |x| x.1);
+        let values = names::parameters(&d.problem, c, &s.model.params);
+        let estimate = |(i, (key, value)): (usize, (&'static str, f64))| {
+            // Interval by moving the underlying parameter one-sidedly through the same conversion.
+            let e = c
+                .free
+                .get(i)
+                .or(c.free.first())
+                .map_or(0.0, |x| errors.get(&x.p).copied().unwrap_or(0.0));
+            let shift = |sign: f64| {
+                let mut p = s.model.params;
+                if let Some(x) = c.free.get(i).or(c.free.first()) {
+                    p.set(x.p, x.to_value(x.to_x(p.get(x.p)) + sign * 1.96 * e));
+                }
+                names::parameters(&d.problem, c, &p)
+                    .get(i)
+                    .map_or(value, |v| v.1)
+            };
+            let (a, b) = (shift(-1.0), shift(1.0));
+            (
+                key.to_string(),
+                Estimate {
+                    value,
+                    ci95: [a.min(b).min(value), a.max(b).max(value)],
+                },
+            )
+        };
+        let alternative = |r: &crate::select::Rival| {
+            let m = margin(r.cost_ratio, d.independent);
+            Alternative {
+                effect: r.effect,
+                distinguishable: m >= MARGIN,
+                margin: round(m),
+            }
+        };
+        let (alone, removed) = &d.alone_removed[k];
+        EffectRow {
+            effect: c.effect,
+            stage: c.effect.stage().name().into(),
+            joint: Some(d.problem.joint),
+            parameters: values.into_iter().enumerate().map(estimate).collect(),
+            confidence: (1.0 - left) * own / n,
+            alternatives: d.rivals[k].iter().map(alternative).collect(),
+            gap_added_alone: score(d, &alone.params, false),
+            gap_removed_from_full: score(d, &removed.params, false),
+            kind: if c.effect.is_base() {
+                "parametric"
+            } else {
+                "structural"
+            }
+            .into(),
+            plausible: names::plausible(c, &s.model.params, &d.scales),
+        }
+    };
+    let mut rows: Vec<EffectRow> = s.found.iter().enumerate().map(row).collect();
+    // Ranked by what the model loses without them.
+    rows.sort_by(|a, b| b.gap_removed_from_full.total_cmp(&a.gap_removed_from_full));
+    rows
+}
+
+fn round(x: f64) -> f64 {
+    (x * 1e3).round() / 1e3
+}
+
+/// Standard errors of the effects' parameters in the fit's variable.
+fn fit_errors(d: &Diagnosis) -> BTreeMap<crate::joint::P, f64> {
+    let o = fit::Objective {
+        problem: &d.problem,
+        runs: d.fit_runs.clone(),
+        weight: d.floor.weights(),
+        prior_weight: 1.0 / d.independent,
+    };
+    let cost = o.data_cost(&d.selection.model.params);
+    let scale = (cost / d.independent).sqrt();
+    let free = &d.selection.model.free;
+    fit::standard_errors(&o, &d.selection.model)
+        .iter()
+        .zip(free)
+        .map(|(e, f)| (f.p, e * scale))
+        .collect()
+}
+
+fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
+    let floor = if d.floor.repeat.is_some() {
+        d.floor.of(0)
+    } else {
+        0.0
+    };
+    let end = &d.selection.model;
+    let shares = locate::shares(
+        &d.problem,
+        &d.score_runs,
+        &d.nominal,
+        d.ideal,
+        end,
+        floor,
+        settings.seed,
+    );
+    let regime = locate::regime(&d.problem, &d.score_runs, &d.nominal, d.ideal, &end.params);
+    let mut rows: Vec<Where> = shares
+        .into_iter()
+        .filter(|s| s.share > 0.0 || s.stage.is_none())
+        .map(|s| Where {
+            stage: s.stage.map_or("unexplained", Stage::name).into(),
+            joint: if s.stage == Some(Stage::Supply) {
+                None
+            } else {
+                Some(d.problem.joint)
+            },
+            regime: regime.into(),
+            share: s.share,
+            ci95: s.ci95,
+        })
+        .collect();
+    rows.sort_by(|a, b| b.share.total_cmp(&a.share));
+    rows
+}
+
+/// Largest change that a candidate of plausible size makes, in tolerances.
+fn visibility(d: &Diagnosis, c: &Candidate) -> f64 {
+    let weight = d.floor.weights();
+    let mut best: f64 = 0.0;
+    let base = d.selection.model.params;
+    for start in c.starts.iter().rev().take(3) {
+        let mut p = base;
+        for (f, v) in c.free.iter().zip(start) {
+            p.set(f.p, *v);
+        }
+        let one = |r: &usize| {
+            let run = &d.problem.runs[*r];
+            let (mut a, mut b) = (Trace::new(), Trace::new());
+            simulate(run, &base, d.problem.dt_s, &mut a);
+            simulate(run, &p, d.problem.dt_s, &mut b);
+            let n = a.len().max(1) as f64;
+            let part = |k: usize| {
+                a.iter()
+                    .zip(&b)
+                    .map(|(x, y)| ((x[k] - y[k]) * weight[k]).powi(2))
+                    .sum::<f64>()
+                    / n
+            };
+            (0..weight.len())
+                .filter(|k| weight[*k] > 0.0)
+                .map(part)
+                .sum::<f64>()
+        };
+        best = best.max(math::mean(&d.fit_runs.iter().map(one).collect::<Vec<_>>()));
+    }
+    best.sqrt()
+}
+
+fn unseen(d: &Diagnosis, library: &[Candidate], settings: &Settings) -> Vec<Unseen> {
+    let mut out = Vec::new();
+    for e in Effect::ALL
+        .iter()
+        .filter(|e| Stage::JOINT.contains(&e.stage()) && !settings.withhold.contains(e))
+    {
+        let mine: Vec<&Candidate> = library.iter().filter(|c| c.effect == *e).collect();
+        if d.selection.found.iter().any(|f| f.candidate.effect == *e) {
+            continue;
+        }
+        let why = if mine.is_empty() {
+            match e {
+                Effect::JointOrder => "a bench has one joint",
+                Effect::Jitter | Effect::PacketLoss => {
+                    "needs the applied set-point as the driver echoes it"
+                }
+                Effect::Compliance => {
+                    "the encoder sits before the gear; needs link_position and a load"
+                }
+                Effect::ConnectorCompliance | Effect::ConnectorPlay => "a bench has no connector",
+                _ => "its parameter has no nominal value in this data set, or no signal shows it",
+            }
+        } else if mine.iter().all(|c| visibility(d, c) < 1.0) {
+            "largest plausible size stays under the noise floor in these runs"
+        } else {
+            continue;
+        };
+        out.push(Unseen {
+            effect: *e,
+            why: why.into(),
+        });
+    }
+    out
+}
+
+fn ambiguous(d: &Diagnosis) -> Vec<Ambiguous> {
+    let mut out = Vec::new();
+    for k in 0..d.selection.found.len() {
+        let members = class(d, k);
+        if members.len() < 2 {
+            continue;
+        }
+        let effects: Vec<Effect> = members.iter().map(|m| m.0).collect();
+        let member = |m: &(Effect, f64)| Member {
+            effect: m.0,
+            stage: m.0.stage().name().into(),
+            joint: Some(d.problem.joint),
+            probability: m.1,
+        };
+        out.push(Ambiguous {
+            members: members.iter().map(member).collect(),
+            separate_by: names::separate_by(&effects, &d.problem).into(),
+            effects,
+        });
+    }
+    out
+}
+
+/// Probabilities of "none" and "unknown": logistic in how far the data is from each border.
+fn probabilities(d: &Diagnosis, word: Word) -> Probabilities {
+    let logistic = |x: f64| 1.0 / (1.0 + libm::exp(-x));
+    let r = remainder(d);
+    match word {
+        Word::None => {
+            let unknown = 0.5 * logistic(6.0 * (r / REMAINDER - 1.0));
+            Probabilities {
+                none: 1.0 - unknown,
+                unknown,
+            }
+        }
+        Word::Unknown => Probabilities {
+            none: 0.01,
+            unknown: logistic(3.0 * (r / REMAINDER - 0.7)).min(0.98),
+        },
+        _ => {
+            let gain = d.selection.found.first().map_or(0.0, |f| f.gain);
+            let none = 0.5 * libm::exp(-(gain - 0.1).max(0.0) / 0.1);
+            let unknown = (0.3 * logistic(3.0 * (r / REMAINDER - 1.5))).min(0.9 - none);
+            Probabilities { none, unknown }
+        }
+    }
+}
+
+fn sentence(word: Word, gap: &Gap, effects: &[EffectRow], place: &[Where]) -> String {
+    let names: Vec<&str> = effects.iter().map(|e| e.effect.plain()).collect();
+    let list = names.join(" and ");
+    let percent = (100.0 * gap.shrink).round();
+    match word {
+        Word::None => "The model explains the recordings as well as they can be explained; there is no gap to name.".into(),
+        Word::Explained | Word::Parametric => {
+            format!("The gap comes from this: {list}. With it in the model the held-out error falls by {percent} %.")
+        }
+        Word::PartlyExplained => {
+            let cause = if list.is_empty() { "the calibration alone".to_string() } else { list };
+            format!("A part of the gap is named: {cause}. The held-out error falls by {percent} %; a remainder stays.")
+        }
+        Word::Unknown => {
+            let stage = place.iter().find(|p| p.stage != "unexplained").map_or("drivetrain", |p| p.stage.as_str());
+            format!("There is a gap that no effect in the library explains; look at the {stage}.")
+        }
+    }
+}
+
+/// A verdict with nothing in it, replaced before anyone sees it.
+pub(super) fn empty() -> Verdict {
+    Verdict {
+        schema: "rb.gap/1".into(),
+        verdict: Word::None,
+        sentence: String::new(),
+        partial: false,
+        gap: Gap {
+            metric: String::new(),
+            unit: String::new(),
+            before: 0.0,
+            after_calibration: 0.0,
+            after: 0.0,
+            floor: 0.0,
+            floor_source: String::new(),
+            ci95_after: [0.0; 2],
+            shrink: 0.0,
+            shrink_after_calibration: 0.0,
+            shrink_of_achievable: None,
+            held_out_runs: Vec::new(),
+        },
+        metrics: BTreeMap::new(),
+        staircase: Vec::new(),
+        place: Vec::new(),
+        effects: Vec::new(),
+        probabilities: Probabilities {
+            none: 1.0,
+            unknown: 0.0,
+        },
+        unseen: Vec::new(),
+        ambiguous: Vec::new(),
+        next_experiment: None,
+        pulled: BTreeMap::new(),
+        provenance: Provenance {
+            tool: concat!("gap ", env!("CARGO_PKG_VERSION")).into(),
+            commit: None,
+            data_sha256: String::new(),
+            seed: 0,
+            split: String::new(),
+            wall_time_s: 0.0,
+        },
+    }
+}
+
+fn staircase(d: &Diagnosis) -> Vec<Stair> {
+    let mut out = vec![Stair {
+        step: "nominal".into(),
+        gap: score(d, &d.nominal, d.ideal),
+    }];
+    for s in &d.selection.steps {
+        let step = s.added.map_or("calibrated", Effect::name).into();
+        out.push(Stair {
+            step,
+            gap: score(d, &s.model.params, false),
+        });
+    }
+    out
+}
+
+fn next_experiment(ambiguous: &[Ambiguous], word: Word) -> Option<NextExperiment> {
+    if let Some(a) = ambiguous.first() {
+        let text = format!("To tell {} apart: {}.", list(&a.effects), a.separate_by);
+        return Some(NextExperiment {
+            text,
+            separates: a.effects.clone(),
+            gait: None,
+        });
+    }
+    (word == Word::Unknown || word == Word::PartlyExplained).then(|| NextExperiment {
+        text: "Record signed current, duty and bus voltage at 100 Hz in three repeats of a slow triangle, a chirp and a step; \
+               they tell the driver, the electrical part and the gear apart."
+            .into(),
+        separates: Vec::new(),
+        gait: None,
+    })
+}
+
+fn list(effects: &[Effect]) -> String {
+    effects
+        .iter()
+        .map(|e| e.name())
+        .collect::<Vec<_>>()
+        .join(", ")
+}
+
+/// Puts a diagnosis into the public form.
+pub(super) fn verdict(d: &Diagnosis, library: &[Candidate], settings: &Settings) -> Verdict {
+    let gap = gap(d, settings);
+    let word = word(d, &gap);
+    let probabilities = probabilities(d, word);
+    let effects = effect_rows(d, probabilities.none + probabilities.unknown);
+    let place = places(d, settings);
+    let ambiguous = ambiguous(d);
+    let three = [
+        (&d.nominal, d.ideal),
+        (&d.calibrated.params, false),
+        (&d.selection.model.params, false),
+    ];
+    let all = three.map(|(p, ideal)| metrics(d, p, ideal));
+    let pulled = d
+        .selection
+        .model
+        .free
+        .iter()
+        .filter(|f| f.tolerance.is_some());
+    Verdict {
+        sentence: sentence(word, &gap, &effects, &place),
+        verdict: word,
+        metrics: all[0]
+            .keys()
+            .map(|k| ((*k).to_string(), [all[0][k], all[1][k], all[2][k]]))
+            .collect(),
+        staircase: staircase(d),
+        place,
+        effects,
+        probabilities,
+        unseen: unseen(d, library, settings),
+        next_experiment: next_experiment(&ambiguous, word),
+        ambiguous,
+        pulled: pulled
+            .map(|f| {
+                (
+                    format!("{:?}", f.p).to_lowercase(),
+                    round(f.pull(d.selection.model.params.get(f.p))),
+                )
+            })
+            .filter(|(_, z)| z.abs() > 3.0)
+            .collect(),
+        provenance: Provenance {
+            seed: settings.seed,
+            split: d.split.clone(),
+            ..empty().provenance
+        },
+        gap,
+        ..empty()
+    }
+}

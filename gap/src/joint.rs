@@ -1,0 +1,13 @@
+//! One joint: its parameters, its recording and its simulation.
+//!
+//! The model in one line: `J ddq = tau(u, V, dq) - G sin(q) - friction(dq, load)`, with `u` from the joint's own controller
+//! and every effect of the stages conventions .. transmission as a parameter that is neutral by default. Units are those of
+//! the bench: rad and N m, or m and N.
+
+pub mod data;
+pub mod param;
+pub mod sim;
+
+pub use data::{Nominal, Problem, RunData, Sample};
+pub use param::{P, Params};
+pub use sim::{Channel, Trace, simulate};

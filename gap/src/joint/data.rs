@@ -1,0 +1,403 @@
+//! A joint's recording, resampled onto the simulation's own steps once, before any fit.
+
+use files::dataset::{
+    Bench, Command, ControllerKind, Manifest, Output, Quantity, Recording, Role, Signal,
+};
+
+use crate::math;
+
+/// Absolute nominal values of one run; [`crate::joint::Params`] scale them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Nominal {
+    /// kg m^2 or kg.
+    pub inertia: f64,
+    /// Amplitude of the gravity effort, 0 where unknown.
+    pub gravity: f64,
+    /// Effort at standstill with the full supply.
+    pub stall: f64,
+    /// Speed at which the full supply gives no effort; infinite where effort follows voltage alone.
+    pub no_load_speed: f64,
+    /// Supply, V.
+    pub supply_v: f64,
+    /// Proportional gain, output unit per rad.
+    pub kp: f64,
+    /// Integral gain.
+    pub ki: f64,
+    /// Velocity gain, output unit per rad/s.
+    pub kd: f64,
+    /// Largest controller output.
+    pub limit: f64,
+    /// Largest speed of a velocity servo.
+    pub speed_limit: f64,
+    /// Largest effort of an effort or velocity servo.
+    pub effort_limit: f64,
+    /// What the controller puts out.
+    pub output: Output,
+    /// What the set-point is.
+    pub command: Command,
+}
+
+/// What of the nominal values is known, with relative 1-sigma tolerance; `None` = unknown and fitted.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Known {
+    /// Inertia.
+    pub inertia: Option<f64>,
+    /// Gravity effort.
+    pub gravity: Option<f64>,
+    /// Stall effort (or drive gain).
+    pub stall: Option<f64>,
+    /// No-load speed.
+    pub speed: Option<f64>,
+    /// Supply.
+    pub supply: Option<f64>,
+    /// Position gain.
+    pub kp: Option<f64>,
+    /// Velocity gain.
+    pub kd: Option<f64>,
+    /// Whether an effort unit is known at all.
+    pub effort_unit: bool,
+}
+
+/// Number of simulated output channels.
+pub const CHANNELS: usize = 7;
+
+/// One row of a recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sample {
+    /// Simulation step that this row follows.
+    pub step: usize,
+    /// Part of a step after it, 0..1.
+    pub part: f64,
+    /// Whether the command is in force.
+    pub enabled: bool,
+    /// Measured value per [`crate::joint::Channel`], NaN where none.
+    pub measured: [f64; CHANNELS],
+}
+
+/// A piece of a run without a command, or the start of one with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Edge {
+    /// Step at which it happens.
+    pub step: usize,
+    /// Command in force from here on.
+    pub enabled: bool,
+    /// Measured position to restart from.
+    pub position: f64,
+    /// Measured speed to restart from.
+    pub velocity: f64,
+}
+
+/// One run of one joint.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunData {
+    /// File name.
+    pub name: String,
+    /// Group of runs with the same gait.
+    pub gait: usize,
+    /// Group of runs that repeat each other.
+    pub repeat: usize,
+    /// Use.
+    pub role: Option<Role>,
+    /// Nominal values.
+    pub nominal: Nominal,
+    /// Times of set-point changes, s from the first row.
+    pub command_t_s: Vec<f64>,
+    /// Set-points at those times.
+    pub command: Vec<f64>,
+    /// Rows.
+    pub samples: Vec<Sample>,
+    /// Enable edges, the first at step 0.
+    pub edges: Vec<Edge>,
+    /// Steps to simulate.
+    pub steps: usize,
+    /// Time of row 0 on the device clock, s.
+    pub t0_s: f64,
+}
+
+/// Everything the fit needs to know of one joint.
+#[derive(Debug, Clone)]
+pub struct Problem {
+    /// Joint index.
+    pub joint: usize,
+    /// Step, s.
+    pub dt_s: f64,
+    /// What is known.
+    pub known: Known,
+    /// Runs in file order.
+    pub runs: Vec<RunData>,
+    /// Names of gaits by group.
+    pub gaits: Vec<String>,
+    /// Rotary or linear, for units in text.
+    pub linear: bool,
+    /// Resolution of the position column.
+    pub position_quantum: f64,
+}
+
+fn value(q: Option<Quantity>, otherwise: f64) -> f64 {
+    q.map_or(otherwise, |q| q.value)
+}
+
+/// Relative tolerance where a file gives a value but none: 5 %, a usual data-sheet spread.
+const DEFAULT_TOLERANCE: f64 = 0.05;
+
+fn tolerance(q: Option<Quantity>) -> Option<f64> {
+    q.map(|q| q.tolerance.unwrap_or(DEFAULT_TOLERANCE))
+}
+
+/// What is known of a bench.
+#[must_use]
+pub fn known(b: &Bench) -> Known {
+    let c = &b.controller;
+    let stall = tolerance(b.max_effort.or(b.effort_per_volt));
+    Known {
+        inertia: tolerance(b.inertia),
+        gravity: tolerance(b.gravity),
+        stall,
+        speed: tolerance(b.max_speed),
+        supply: tolerance(b.supply_v),
+        kp: tolerance(c.kp),
+        kd: tolerance(c.kd.or(c.kv)),
+        effort_unit: b.inertia.is_some() || b.gravity.is_some() || stall.is_some(),
+    }
+}
+
+/// Nominal values of one run; unknown ones get a reference from which the fit starts.
+#[must_use]
+pub fn nominal(b: &Bench) -> Nominal {
+    // References where nothing is known: a joint that answers at 20 rad/s, 10 rad/s of top speed. The fit moves them freely.
+    const BANDWIDTH_RAD_S: f64 = 20.0;
+    const TOP_SPEED_RAD_S: f64 = 10.0;
+    let c = &b.controller;
+    let output = c.output.unwrap_or(Output::Effort);
+    let supply_v = value(b.supply_v, 1.0);
+    let full_volts = if output == Output::Duty || b.supply_v.is_some() {
+        supply_v
+    } else {
+        1.0
+    };
+    let kv = value(c.kv, 0.0);
+    let kp = value(c.kp, 1.0)
+        * if c.kind == Some(ControllerKind::Cascade) {
+            kv
+        } else {
+            1.0
+        };
+    let kd = if c.kind == Some(ControllerKind::Cascade) {
+        kv
+    } else {
+        value(c.kd, 0.0)
+    };
+    let inertia = b.inertia.map(|q| q.value);
+    // Effort per unit of controller output at full supply.
+    let given = b
+        .effort_per_volt
+        .map(|q| q.value * full_volts)
+        .or(b.max_effort.map(|q| q.value));
+    let gain = if output == Output::Duty {
+        kp
+    } else {
+        kp / full_volts
+    };
+    let stall = match output {
+        Output::Duty | Output::Voltage => given
+            .unwrap_or(BANDWIDTH_RAD_S * BANDWIDTH_RAD_S * inertia.unwrap_or(1.0) / gain.max(1e-9)),
+        Output::Effort | Output::Velocity => full_volts,
+    };
+    let inertia = inertia.unwrap_or(match output {
+        Output::Velocity => value(b.max_effort, 1.0) / (BANDWIDTH_RAD_S * BANDWIDTH_RAD_S),
+        _ => stall / full_volts.max(1e-9) * gain * full_volts / (BANDWIDTH_RAD_S * BANDWIDTH_RAD_S),
+    });
+    let follows_voltage = b.effort_per_volt.is_some() && b.max_speed.is_none();
+    let emf = matches!(output, Output::Duty | Output::Voltage) && !follows_voltage;
+    let no_load_speed = if emf {
+        value(b.max_speed, TOP_SPEED_RAD_S)
+    } else {
+        f64::INFINITY
+    };
+    let default_limit = match output {
+        Output::Duty if c.kp.is_some() => 1.0,
+        Output::Voltage if b.supply_v.is_some() => supply_v,
+        _ => f64::INFINITY,
+    };
+    let free = f64::INFINITY;
+    Nominal {
+        inertia,
+        gravity: value(b.gravity, 0.0),
+        stall,
+        no_load_speed,
+        supply_v: full_volts,
+        kp,
+        ki: value(c.ki, 0.0),
+        kd,
+        limit: value(c.limit.filter(|_| c.kp.is_some()), default_limit),
+        speed_limit: if output == Output::Velocity {
+            value(b.max_speed, free)
+        } else {
+            free
+        },
+        effort_limit: if output == Output::Duty || output == Output::Voltage {
+            free
+        } else {
+            value(b.max_effort, free)
+        },
+        output,
+        command: b.command,
+    }
+}
+
+/// Nominal values of one run; what is unknown is unknown for all runs alike, so it takes one common reference.
+fn run_nominal(b: &Bench, reference: &Nominal) -> Nominal {
+    let mut n = nominal(b);
+    let k = known(b);
+    if k.stall.is_none() {
+        n.stall = reference.stall;
+    }
+    if k.inertia.is_none() {
+        n.inertia = reference.inertia;
+    }
+    n
+}
+
+/// Largest and smallest step: coarse enough to be fast, fine enough for joints up to about 100 rad/s of bandwidth.
+const DT_RANGE_S: (f64, f64) = (0.0005, 0.002);
+
+impl Problem {
+    /// Takes joint `joint` out of a data set. `None` if that joint has no position column at all.
+    #[must_use]
+    pub fn new(manifest: &Manifest, recordings: &[Recording], joint: usize) -> Option<Self> {
+        let repeats = files::dataset::repeat_groups(manifest, recordings);
+        let step_s = math::median(&recordings.iter().map(Recording::step_s).collect::<Vec<_>>());
+        let dt_s = (step_s / 5.0).clamp(DT_RANGE_S.0, DT_RANGE_S.1);
+        let mut gaits: Vec<String> = Vec::new();
+        let mut runs = Vec::new();
+        let mut quantum = 0.0;
+        let first = manifest.runs.first()?;
+        let reference = nominal(&first.bench);
+        for ((run, rec), repeat) in manifest.runs.iter().zip(recordings).zip(&repeats) {
+            let gait = gaits
+                .iter()
+                .position(|g| *g == run.gait)
+                .unwrap_or_else(|| {
+                    gaits.push(run.gait.clone());
+                    gaits.len() - 1
+                });
+            let mut data = run_data(rec, joint, dt_s, run_nominal(&run.bench, &reference));
+            (data.name, data.gait, data.repeat, data.role) =
+                (run.file.clone(), gait, *repeat, run.role);
+            if let Some(q) = rec
+                .joint(joint)
+                .and_then(|j| j.get(Signal::Position))
+                .map(files::dataset::quantum)
+            {
+                quantum = if quantum > 0.0 {
+                    f64::min(quantum, q)
+                } else {
+                    q
+                };
+            }
+            runs.push(data);
+        }
+        let any = runs
+            .iter()
+            .any(|r: &RunData| r.samples.iter().any(|s| s.measured[0].is_finite()));
+        any.then(|| Self {
+            joint,
+            dt_s,
+            known: known(&first.bench),
+            runs,
+            gaits,
+            linear: manifest.bench.motion == files::dataset::Motion::Linear,
+            position_quantum: quantum,
+        })
+    }
+}
+
+fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunData {
+    let empty = files::dataset::JointColumns::default();
+    let j = rec.joint(joint).unwrap_or(&empty);
+    let t = rec.t_s();
+    let t0_s = t[0];
+    let column = |s| j.get(s);
+    let at = |c: Option<&[f64]>, i: usize| c.map_or(f64::NAN, |c| c[i]);
+    let command = column(Signal::Setpoint)
+        .or(column(Signal::AppliedSetpoint))
+        .unwrap_or_default();
+    let position = column(Signal::Position);
+    let channels = [
+        position,
+        column(Signal::Current),
+        column(Signal::Duty),
+        rec.body().bus_v.as_deref(),
+        column(Signal::LinkPosition),
+        column(Signal::Effort),
+        column(Signal::AppliedSetpoint).filter(|_| column(Signal::Setpoint).is_some()),
+    ];
+    let mut enabled = true;
+    let mut samples = Vec::with_capacity(t.len());
+    let mut edges: Vec<Edge> = Vec::new();
+    let mut held = f64::NAN;
+    let (mut command_t_s, mut commands) = (Vec::new(), Vec::new());
+    for i in 0..t.len() {
+        let at_s = t[i] - t0_s;
+        let e = at(column(Signal::Enable), i);
+        enabled = if e.is_nan() { enabled } else { e > 0.5 };
+        let step = (at_s / dt_s) as usize;
+        if edges.last().is_none_or(|l| l.enabled != enabled) {
+            let (p, v) = state_near(t, position, column(Signal::Velocity), i);
+            edges.push(Edge {
+                step,
+                enabled,
+                position: p,
+                velocity: v,
+            });
+        }
+        if let Some(c) = command.get(i).filter(|c| c.is_finite() && **c != held) {
+            held = *c;
+            command_t_s.push(at_s);
+            commands.push(*c);
+        }
+        let measured = channels.map(|c| at(c, i));
+        samples.push(Sample {
+            step,
+            part: at_s / dt_s - step as f64,
+            enabled,
+            measured,
+        });
+    }
+    let steps = samples.last().map_or(0, |s| s.step + 1);
+    RunData {
+        name: String::new(),
+        gait: 0,
+        repeat: 0,
+        role: None,
+        nominal,
+        command_t_s,
+        command: commands,
+        samples,
+        edges,
+        steps,
+        t0_s,
+    }
+}
+
+/// Position and speed at row `i`: the next sample at or after it, speed measured or from a short difference.
+fn state_near(
+    t: &[f64],
+    position: Option<&[f64]>,
+    velocity: Option<&[f64]>,
+    i: usize,
+) -> (f64, f64) {
+    let next = |c: &[f64], from: usize| (from..c.len()).find(|k| c[*k].is_finite());
+    let Some(p) = position else { return (0.0, 0.0) };
+    let Some(a) = next(p, i) else {
+        return (0.0, 0.0);
+    };
+    let v = match velocity.and_then(|v| next(v, i).map(|k| v[k])) {
+        Some(v) => v,
+        None => next(p, a + 1)
+            .filter(|b| t[*b] > t[a])
+            .map_or(0.0, |b| (p[b] - p[a]) / (t[b] - t[a])),
+    };
+    // A run starts at rest unless the first samples say otherwise beyond a doubt.
+    (p[a], if i == 0 && v.abs() < 0.05 { 0.0 } else { v })
+}

@@ -1,0 +1,93 @@
+//! The parameters of the joint model.
+
+macro_rules! params {
+    ($($id:ident = $neutral:expr, $doc:literal;)*) => {
+        /// Index of a parameter.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+        pub enum P { $(#[doc = $doc] $id),* }
+
+        impl P {
+            /// Every parameter.
+            pub const ALL: &'static [Self] = &[$(Self::$id),*];
+        }
+
+        const NEUTRAL: [f64; P::ALL.len()] = [$($neutral),*];
+    };
+}
+
+params! {
+    Inertia = 1.0, "ratio to the nominal inertia";
+    Gravity = 1.0, "ratio to the nominal gravity effort";
+    Weight = 0.0, "gravity effort where the nominal one is unknown";
+    Motor = 1.0, "ratio to the nominal motor constant";
+    Resistance = 1.0, "ratio to the nominal winding resistance";
+    Supply = 1.0, "ratio to the nominal supply voltage";
+    LoopGain = 1.0, "ratio to the nominal position gain";
+    Damping = 1.0, "ratio to the nominal velocity gain";
+    Scale = 1.0, "set-point scale (negative: wrong sign)";
+    Offset = 0.0, "added to the set-point";
+    MechOffset = 0.0, "mechanical angle minus encoder angle";
+    RecordScale = 1.0, "recorded position over true position";
+    Delay = 0.0, "set-point delay, s";
+    Skew = 0.0, "robot clock rate minus 1";
+    Quantum = 0.0, "set-point step";
+    Deadband = 0.0, "half width of ignored errors";
+    SlewLimit = f64::INFINITY, "largest speed of the set-point";
+    FeedbackDelay = 0.0, "encoder delay in the controller, s";
+    Lag = 0.0, "time constant of the actuator, s";
+    CurrentLimit = f64::INFINITY, "A";
+    TorqueLimit = f64::INFINITY, "N m or N";
+    DerateTime = 60.0, "time constant of the derating, s";
+    DerateShare = 0.0, "share of torque lost when warm";
+    Sag = 0.0, "source resistance, ohm";
+    Coulomb = 0.0, "N m or N";
+    Viscous = 0.0, "N m s/rad";
+    Static = 0.0, "friction above Coulomb at standstill";
+    StribeckSpeed = 0.1, "speed at which half of it is gone";
+    LoadShare = 0.0, "friction over transmitted effort";
+    Asymmetry = 0.0, "half of the Coulomb difference, forward minus backward";
+    AsymmetryViscous = 0.0, "half of the viscous difference";
+    Quadratic = 0.0, "N m s^2/rad^2";
+    RippleSin = 0.0, "sine part of the ripple";
+    RippleCos = 0.0, "cosine part of the ripple";
+    RipplePeriods = 1.0, "ripple periods per turn (per metre)";
+    Play = 0.0, "half play between encoder and link";
+    OutputPlay = 0.0, "half play before the encoder";
+    Flexibility = 0.0, "twist per effort, rad/(N m)";
+}
+
+/// A full set of parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Params([f64; P::ALL.len()]);
+
+impl Default for Params {
+    fn default() -> Self {
+        Self(NEUTRAL)
+    }
+}
+
+impl Params {
+    /// The value of `p`.
+    #[must_use]
+    pub fn get(&self, p: P) -> f64 {
+        self.0[p as usize]
+    }
+
+    /// Sets `p`.
+    pub fn set(&mut self, p: P, value: f64) {
+        self.0[p as usize] = value;
+    }
+
+    /// The same with `p` set.
+    #[must_use]
+    pub fn with(mut self, p: P, value: f64) -> Self {
+        self.set(p, value);
+        self
+    }
+
+    /// Value of `p` at which it has no effect.
+    #[must_use]
+    pub fn neutral(p: P) -> f64 {
+        NEUTRAL[p as usize]
+    }
+}

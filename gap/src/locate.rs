@@ -1,0 +1,250 @@
+//! Where: shares by stage and the regime in which the gap sits.
+
+use crate::fit::Model;
+use crate::joint::{Channel, P, Params, Problem, RunData, Trace, simulate};
+use crate::math;
+use crate::vocabulary::Stage;
+
+/// Regimes of motion, in order of precedence.
+pub const REGIMES: [&str; 6] = [
+    "saturation",
+    "reversal",
+    "low_speed",
+    "high_load",
+    "warm_up",
+    "other",
+];
+
+/// Stage in which a parameter acts.
+#[must_use]
+pub fn stage_of(p: P) -> Stage {
+    use P::*;
+    match p {
+        Scale | Offset | MechOffset | RecordScale => Stage::Conventions,
+        Delay | Skew | Quantum => Stage::Transport,
+        LoopGain | Damping | Deadband | SlewLimit | FeedbackDelay | Lag => Stage::Driver,
+        Motor | Resistance | CurrentLimit | TorqueLimit | DerateTime | DerateShare => {
+            Stage::Electrical
+        }
+        Supply | Sag => Stage::Supply,
+        Play | OutputPlay | Flexibility => Stage::Transmission,
+        _ => Stage::Drivetrain,
+    }
+}
+
+/// Position errors of one run at its enabled samples; `ideal` = set-point instead of a model.
+#[must_use]
+pub fn errors(
+    problem: &Problem,
+    run: &RunData,
+    params: &Params,
+    ideal: bool,
+    channel: Channel,
+) -> Vec<f64> {
+    let mut trace = Trace::new();
+    simulate(run, params, problem.dt_s, &mut trace);
+    let column = if ideal { Channel::Applied } else { channel } as usize;
+    let rows = run.samples.iter().zip(&trace);
+    rows.filter(|(s, _)| s.enabled && s.measured[channel as usize].is_finite())
+        .map(|(s, y)| y[column] - s.measured[channel as usize])
+        .collect()
+}
+
+/// A share with its interval.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Share {
+    /// Stage; `None` for what is left.
+    pub stage: Option<Stage>,
+    /// Share.
+    pub share: f64,
+    /// 95 % interval over runs.
+    pub ci95: [f64; 2],
+}
+
+/// Shares of the gap by stage: the stages of the final model replace those of the nominal one in the order of the chain,
+/// and each is given what the error falls by. What is left above the floor is `None`.
+#[must_use]
+pub fn shares(
+    problem: &Problem,
+    runs: &[usize],
+    start: &Params,
+    ideal: bool,
+    end: &Model,
+    floor: f64,
+    seed: u64,
+) -> Vec<Share> {
+    let mut ladder: Vec<Vec<f64>> = Vec::new();
+    let mut params = *start;
+    let score = |p: &Params, ideal: bool| -> Vec<f64> {
+        runs.iter()
+            .map(|r| {
+                math::rms(&errors(
+                    problem,
+                    &problem.runs[*r],
+                    p,
+                    ideal,
+                    Channel::Position,
+                ))
+            })
+            .collect()
+    };
+    ladder.push(score(&params, ideal));
+    for stage in Stage::JOINT {
+        for p in P::ALL.iter().filter(|p| stage_of(**p) == stage) {
+            params.set(*p, end.params.get(*p));
+        }
+        ladder.push(score(&params, false));
+    }
+    if ideal {
+        // An ideal servo has no stages: what the bare servo model gains over it belongs to the driver.
+        let bare = score(start, false);
+        let driver = 1 + Stage::JOINT
+            .iter()
+            .position(|s| *s == Stage::Driver)
+            .unwrap_or(0);
+        for level in &mut ladder[1..driver] {
+            level.clone_from(&bare);
+        }
+        if driver > 1 {
+            ladder[1] = ladder[0].clone();
+        }
+    }
+    let of = |pick: &[usize]| -> Vec<f64> {
+        let level = |k: usize| math::mean(&pick.iter().map(|i| ladder[k][*i]).collect::<Vec<_>>());
+        let drops: Vec<f64> = (1..ladder.len())
+            .map(|k| (level(k - 1) - level(k)).max(0.0))
+            .collect();
+        let rest = (level(ladder.len() - 1) - floor).max(0.0);
+        let sum: f64 = drops.iter().sum::<f64>() + rest;
+        drops
+            .iter()
+            .chain([&rest])
+            .map(|d| if sum > 0.0 { d / sum } else { 0.0 })
+            .collect()
+    };
+    let all: Vec<usize> = (0..runs.len()).collect();
+    let value = of(&all);
+    let mut rng = math::Rng::new(seed);
+    let draws: Vec<Vec<f64>> = (0..200)
+        .map(|_| {
+            of(&(0..runs.len())
+                .map(|_| rng.index(runs.len()))
+                .collect::<Vec<_>>())
+        })
+        .collect();
+    let stages = Stage::JOINT.iter().map(|s| Some(*s)).chain([None]);
+    stages
+        .enumerate()
+        .map(|(k, stage)| {
+            let column: Vec<f64> = draws.iter().map(|d| d[k]).collect();
+            Share {
+                stage,
+                share: value[k],
+                ci95: [
+                    math::quantile(&column, 0.025),
+                    math::quantile(&column, 0.975),
+                ],
+            }
+        })
+        .collect()
+}
+
+/// Regime of every row of a run, from measured position and simulated effort.
+fn regimes(problem: &Problem, run: &RunData, trace: &Trace) -> Vec<usize> {
+    let n = run.samples.len();
+    let q: Vec<f64> = run.samples.iter().map(|s| s.measured[0]).collect();
+    let t: Vec<f64> = run
+        .samples
+        .iter()
+        .map(|s| (s.step as f64 + s.part) * problem.dt_s)
+        .collect();
+    let half = (0.05 / ((t[n - 1] - t[0]) / n as f64).max(1e-6)).ceil() as usize;
+    let speed: Vec<f64> = (0..n)
+        .map(|i| {
+            let (a, b) = (i.saturating_sub(half), (i + half).min(n - 1));
+            if b > a {
+                (q[b] - q[a]) / (t[b] - t[a]).max(1e-9)
+            } else {
+                0.0
+            }
+        })
+        .collect();
+    let top = math::quantile(
+        &speed
+            .iter()
+            .map(|v| v.abs())
+            .filter(|v| v.is_finite())
+            .collect::<Vec<_>>(),
+        0.95,
+    );
+    let efforts: Vec<f64> = trace
+        .iter()
+        .map(|y| y[Channel::Effort as usize].abs())
+        .collect();
+    let high = math::quantile(&efforts, 0.9);
+    let limit = run.nominal.limit;
+    let mut last_turn = f64::MIN;
+    let mut sign = 0.0;
+    (0..n)
+        .map(|i| {
+            let v = speed[i];
+            if v.abs() > 0.05 * top && v.signum() != sign {
+                sign = v.signum();
+                last_turn = t[i];
+            }
+            let duty = run.samples[i].measured[Channel::Duty as usize];
+            match () {
+                () if duty.is_finite() && limit.is_finite() && duty.abs() > 0.95 * limit => 0,
+                () if t[i] - last_turn < 0.15 => 1,
+                () if v.abs() < 0.05 * top => 2,
+                () if efforts[i] >= high => 3,
+                () if t[i] > 60.0 && t[i] > 0.5 * t[n - 1] => 4,
+                () => 5,
+            }
+        })
+        .collect()
+}
+
+/// The regime in which the squared error of `before` exceeds that of `after` most per sample.
+#[must_use]
+pub fn regime(
+    problem: &Problem,
+    runs: &[usize],
+    before: &Params,
+    ideal: bool,
+    after: &Params,
+) -> &'static str {
+    let mut sum = [0.0; REGIMES.len()];
+    let mut count = [0.0; REGIMES.len()];
+    for r in runs {
+        let run = &problem.runs[*r];
+        let (mut a, mut b) = (Trace::new(), Trace::new());
+        simulate(run, before, problem.dt_s, &mut a);
+        simulate(run, after, problem.dt_s, &mut b);
+        let column = if ideal {
+            Channel::Applied
+        } else {
+            Channel::Position
+        } as usize;
+        for (i, k) in regimes(problem, run, &b).into_iter().enumerate() {
+            let m = run.samples[i].measured[0];
+            if m.is_finite() && run.samples[i].enabled {
+                sum[k] += (a[i][column] - m).powi(2) - (b[i][0] - m).powi(2);
+                count[k] += 1.0;
+            }
+        }
+    }
+    let total: f64 = count.iter().sum();
+    // A regime must hold at least 2 % of the samples to be named.
+    let score = |k: usize| {
+        if count[k] > 0.02 * total {
+            sum[k] / count[k]
+        } else {
+            f64::MIN
+        }
+    };
+    let best = (0..REGIMES.len())
+        .max_by(|a, b| score(*a).total_cmp(&score(*b)))
+        .unwrap_or(REGIMES.len() - 1);
+    REGIMES[best]
+}

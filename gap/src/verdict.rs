@@ -1,0 +1,227 @@
+//! The verdict: the public JSON contract `rb.gap/1`.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::vocabulary::Effect;
+
+/// One word for the whole.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Word {
+    /// The effects found explain the gap down to the floor.
+    Explained,
+    /// They explain a part of it.
+    PartlyExplained,
+    /// Only base parameters are off by more than their tolerance.
+    Parametric,
+    /// The model explains the data to the floor.
+    None,
+    /// A significant remainder that no known effect explains.
+    Unknown,
+}
+
+/// A value with its 95 % interval.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Estimate {
+    /// Best value.
+    pub value: f64,
+    /// 95 % interval.
+    pub ci95: [f64; 2],
+}
+
+/// The primary metric before and after.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Gap {
+    /// Name of the metric.
+    pub metric: String,
+    /// Its unit.
+    pub unit: String,
+    /// Nominal model.
+    pub before: f64,
+    /// Known parameters calibrated within their tolerances, unknown ones fitted.
+    pub after_calibration: f64,
+    /// With the effects found.
+    pub after: f64,
+    /// Repeats of the hardware, else the stated noise estimate.
+    pub floor: f64,
+    /// Where the floor comes from: `repeats` or `noise`.
+    pub floor_source: String,
+    /// 95 % interval of `after` over held-out runs.
+    pub ci95_after: [f64; 2],
+    /// 1 - after/before.
+    pub shrink: f64,
+    /// 1 - after/after_calibration.
+    pub shrink_after_calibration: f64,
+    /// (before - after)/(before - floor); null without repeats.
+    pub shrink_of_achievable: Option<f64>,
+    /// Runs the figures were taken on.
+    pub held_out_runs: Vec<String>,
+}
+
+/// A share of the gap.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Where {
+    /// Stage, or `unexplained`.
+    pub stage: String,
+    /// Joint; null for shared stages.
+    pub joint: Option<usize>,
+    /// Regime in which most of it sits.
+    pub regime: String,
+    /// Share of the gap of section "before".
+    pub share: f64,
+    /// 95 % interval over runs.
+    pub ci95: [f64; 2],
+}
+
+/// A rival of an effect.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Alternative {
+    /// Which.
+    pub effect: Effect,
+    /// Whether this data can tell them apart.
+    pub distinguishable: bool,
+    /// How much worse the rival explains the data, in standard deviations.
+    pub margin: f64,
+}
+
+/// An effect found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct EffectRow {
+    /// Which.
+    pub effect: Effect,
+    /// Its stage.
+    pub stage: String,
+    /// Its joint.
+    pub joint: Option<usize>,
+    /// Its parameters.
+    pub parameters: BTreeMap<String, Estimate>,
+    /// Probability; all of them, `none` and `unknown` sum to 1.
+    pub confidence: f64,
+    /// Rivals.
+    pub alternatives: Vec<Alternative>,
+    /// Gap with this effect alone on top of the calibrated model.
+    pub gap_added_alone: f64,
+    /// Gap with all effects but this one.
+    pub gap_removed_from_full: f64,
+    /// `structural` or `parametric`.
+    pub kind: String,
+    /// Whether the value is physically plausible.
+    pub plausible: bool,
+}
+
+/// Probabilities of the verdicts that are no effects.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Probabilities {
+    /// No gap beyond the floor.
+    pub none: f64,
+    /// Something outside the library.
+    pub unknown: f64,
+}
+
+/// An effect that this data could never show.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Unseen {
+    /// Which.
+    pub effect: Effect,
+    /// Why.
+    pub why: String,
+}
+
+/// A member of a class that this data cannot separate.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Member {
+    /// Which.
+    pub effect: Effect,
+    /// Its stage.
+    pub stage: String,
+    /// Its joint.
+    pub joint: Option<usize>,
+    /// Its share of the class's probability.
+    pub probability: f64,
+}
+
+/// A class of effects that this data cannot separate.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Ambiguous {
+    /// Names, most probable first.
+    pub effects: Vec<Effect>,
+    /// Members in full.
+    pub members: Vec<Member>,
+    /// What would separate them.
+    pub separate_by: String,
+}
+
+/// The next experiment.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NextExperiment {
+    /// What to do.
+    pub text: String,
+    /// What it separates.
+    pub separates: Vec<Effect>,
+    /// File with the motion, written beside the report; null when none is needed.
+    pub gait: Option<String>,
+}
+
+/// Gap after each step of the search.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Stair {
+    /// What was added.
+    pub step: String,
+    /// Primary metric on the held-out runs.
+    pub gap: f64,
+}
+
+/// Where the figures come from.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Provenance {
+    /// Tool and version.
+    pub tool: String,
+    /// Commit of the tool, if known.
+    pub commit: Option<String>,
+    /// SHA-256 over the files of the data set.
+    pub data_sha256: String,
+    /// Seed.
+    pub seed: u64,
+    /// How runs were split.
+    pub split: String,
+    /// Wall time, s.
+    pub wall_time_s: f64,
+}
+
+/// The verdict.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Verdict {
+    /// Always `rb.gap/1`.
+    pub schema: String,
+    /// One word.
+    pub verdict: Word,
+    /// One sentence for a tired person.
+    pub sentence: String,
+    /// True when a limit stopped the search early.
+    pub partial: bool,
+    /// Primary metric.
+    pub gap: Gap,
+    /// All metrics: name -> before, after calibration, after.
+    pub metrics: BTreeMap<String, [f64; 3]>,
+    /// The way down.
+    pub staircase: Vec<Stair>,
+    /// Where.
+    #[serde(rename = "where")]
+    pub place: Vec<Where>,
+    /// Which.
+    pub effects: Vec<EffectRow>,
+    /// None and unknown.
+    pub probabilities: Probabilities,
+    /// What this data could not show.
+    pub unseen: Vec<Unseen>,
+    /// What it could not separate.
+    pub ambiguous: Vec<Ambiguous>,
+    /// What to record next.
+    pub next_experiment: Option<NextExperiment>,
+    /// Nominal parameters after calibration that left three sigma of their tolerance.
+    pub pulled: BTreeMap<String, f64>,
+    /// Provenance.
+    pub provenance: Provenance,
+}
