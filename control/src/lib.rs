@@ -21,6 +21,7 @@ pub mod geometry;
 pub mod kinematics;
 pub mod linalg;
 pub mod math;
+pub mod motion;
 pub mod precheck;
 pub mod robot;
 pub mod supervisor;

@@ -9,6 +9,7 @@
 //! interval is halved, up to a fixed number of poses; what is then not certified counts as blocked. So a verdict `Clear` is a proof, and the work is
 //! bounded.
 
+use crate::CYCLE_S;
 use crate::distance::{separation, unit};
 use crate::geometry::{ActiveFlat, Arms, EndCubes, FlatShape, support_bound_m};
 use crate::linalg::Vec3;
@@ -60,10 +61,10 @@ pub enum Verdict {
 pub struct Blocked {
     /// The bodies that come too close.
     pub pair: Pair,
-    /// Smallest certified clearance found, m.
+    /// Certified clearance of the part of the move that lacks the margin, m; not positive when an overlap cannot be excluded.
     pub clearance_m: f32,
-    /// When, as a fraction of the move for [`swept`], in seconds ahead for the motion planner.
-    pub at: f32,
+    /// When, s from now; the move itself takes one cycle.
+    pub at_s: f32,
 }
 
 /// Certified clearance of a pose (angles in rad, multi-turn allowed). A pose that is not finite has none.
@@ -103,7 +104,7 @@ fn pair_along(shape: &FlatShape, cubes: &EndCubes, direction: Vec3) -> Pair {
 
 /// Whether the straight move from one pose to another keeps `margin_m` all along.
 ///
-/// `at` of a blocked verdict is the fraction of the move. Poses that are not finite are blocked.
+/// Poses that are not finite are blocked.
 #[must_use]
 pub fn swept(
     model: &RobotModel,
@@ -113,6 +114,44 @@ pub fn swept(
 ) -> Verdict {
     let mut sweep = Sweep::new(model, from_rad, to_rad, margin_m);
     sweep.run()
+}
+
+/// A move may start this much nearer than its own first pose when it leaves a pose without margin, m.
+const ESCAPE_SLACK_M: f32 = 2e-4;
+
+/// Margins of a move, m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Margins {
+    /// Kept by every move.
+    pub keep_m: f32,
+    /// A robot found closer than `keep_m` but not closer than this may move away: towards a pose that is no nearer.
+    pub escape_m: f32,
+}
+
+/// [`swept`], but a robot that already stands too close may move apart again.
+#[must_use]
+pub fn check_move(
+    model: &RobotModel,
+    from_rad: &[f32; JOINTS],
+    to_rad: &[f32; JOINTS],
+    margins: Margins,
+) -> Verdict {
+    let verdict = swept(model, from_rad, to_rad, margins.keep_m);
+    let Verdict::Blocked(_) = verdict else {
+        return verdict;
+    };
+    let from_m = clearance(model, from_rad).clearance_m;
+    let leaves = from_m < margins.keep_m && from_m >= margins.escape_m;
+    if !leaves || clearance(model, to_rad).clearance_m < from_m {
+        return verdict;
+    }
+    swept(
+        model,
+        from_rad,
+        to_rad,
+        (from_m - ESCAPE_SLACK_M).max(margins.escape_m),
+    )
 }
 
 /// A part of a move still to be certified: centre and half width as fractions of the move.
@@ -226,12 +265,16 @@ impl<'a> Sweep<'a> {
         if certified_m >= self.margin_m {
             return Part::Clear(certified_m);
         }
+        let kept = found.lower_m - ROUNDING_M >= self.margin_m;
         let blocked = Blocked {
             pair: pair_along(&self.shape, &cubes, v),
-            clearance_m: found.lower_m - ROUNDING_M,
-            at: part.centre,
+            clearance_m: if kept {
+                certified_m
+            } else {
+                found.lower_m - ROUNDING_M
+            },
+            at_s: part.centre * CYCLE_S,
         };
-        let kept = found.lower_m - ROUNDING_M >= self.margin_m;
         // The middle pose itself lacks the margin, or something is not a number: halving cannot help.
         Part::Open {
             certain: !kept,
