@@ -9,6 +9,7 @@ pub mod meta;
 pub mod score;
 pub mod search;
 pub mod select;
+pub mod settings;
 pub mod shard;
 pub mod space;
 pub mod table2;

@@ -3,12 +3,13 @@
 //! The objective is equation (6): per gait the mean overlap ratio between the robot's film and the simulated one, shifted by the
 //! fitted time shift, weighted by speed times repeatability. Any subset of Table II can be fitted; the rest stays hand-tuned.
 
-use crate::table2::{ROWS, Row, TABLE_II};
+use crate::table2::ROWS;
 use camera::similarity::{SimilarityError, mean_ratio, meta_fitness, repeatability};
 use camera::{Silhouette, Solid, View, ViewError};
 use control::gait::Gait;
 use control::linalg::Pose;
 use control::robot::{BODIES, RobotModel};
+use files::model::{Key, Model};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use swarm::{Settings, SettingsError, Swarm};
@@ -128,10 +129,10 @@ pub enum MetaError {
     },
 }
 
-/// The hand-tuned column of Table II.
+/// The values of Table II's rows in a model.
 #[must_use]
-pub fn hand_tuned() -> [f64; ROWS] {
-    TABLE_II.map(|row| row.hand_tuned)
+pub fn rows_of(model: &Model) -> [f64; ROWS] {
+    Key::TABLE_II.map(|key| model.value(key))
 }
 
 /// A fit in progress; serialise it after an iteration, and it goes on with the same bits.
@@ -163,14 +164,12 @@ impl Fit {
                 _ => return Err(MetaError::Row { number }),
             }
         }
-        let chosen: Vec<&Row> = rows
-            .iter()
-            .map(|&number| &TABLE_II[usize::from(number) - 1])
-            .collect();
-        let bounds = chosen.iter().map(|row| (row.low, row.high)).collect();
-        let first = chosen
-            .iter()
-            .map(|row| start[usize::from(row.number) - 1].clamp(row.low, row.high));
+        let searched = |number: &u8| Key::TABLE_II[usize::from(*number) - 1].info().search;
+        let bounds = rows.iter().map(searched).collect();
+        let first = rows.iter().map(|number| {
+            let (low, high) = searched(number);
+            start[usize::from(*number) - 1].clamp(low, high)
+        });
         let settings = Settings::new(bounds, particles, seed)?.with_start(vec![first.collect()])?;
         Ok(Self {
             rows: rows.to_vec(),
@@ -183,7 +182,7 @@ impl Fit {
     #[must_use]
     pub fn parameters(&self, position: &[f64]) -> [f64; ROWS] {
         let mut all: [f64; ROWS] =
-            core::array::from_fn(|i| self.start.get(i).copied().unwrap_or(TABLE_II[i].hand_tuned));
+            core::array::from_fn(|i| self.start.get(i).copied().unwrap_or(0.0));
         for (&number, &value) in self.rows.iter().zip(position) {
             all[usize::from(number) - 1] = value;
         }

@@ -36,22 +36,15 @@ impl TrialOutcome {
 pub struct ScoreSettings {
     /// Repetitions per gait; the paper's 3.
     pub repetitions: u16,
-    /// Standard deviation of the noise on each CPG output, rad. 0.03 rad is about the tracking error of the emulated drivers at
-    /// 0.2 Hz, the disturbance a gait must bear anyway.
-    pub noise_rad: f32,
     /// Mean distance between repetitions at which the fitness is halved, m: one cube.
     pub deviation_half_m: f64,
-    /// Hardest ground contact allowed, m/s: a free fall of half a cube (55 mm), sqrt(2 g h).
-    pub impact_limit_m_s: f32,
 }
 
 impl Default for ScoreSettings {
     fn default() -> Self {
         Self {
             repetitions: 3,
-            noise_rad: 0.03,
             deviation_half_m: 0.110,
-            impact_limit_m_s: 1.04,
         }
     }
 }
@@ -74,9 +67,9 @@ pub struct Score {
 }
 
 impl ScoreSettings {
-    /// Score the repetitions of one gait.
+    /// Score the repetitions of one gait; a ground contact faster than `impact_limit_m_s` refuses it.
     #[must_use]
-    pub fn score(&self, trials: &[TrialOutcome]) -> Score {
+    pub fn score(&self, trials: &[TrialOutcome], impact_limit_m_s: f32) -> Score {
         let n = trials.len().max(1) as f64;
         let speed_m_s = trials.iter().map(TrialOutcome::speed_m_s).sum::<f64>() / n;
         let deviation_m = mean_deviation_m(trials);
@@ -85,7 +78,7 @@ impl ScoreSettings {
             .fold(0.0f32, |m, trial| m.max(trial.impact_m_s));
         let collided = trials.iter().any(|trial| trial.collided);
         let failed = trials.is_empty() || trials.iter().any(|trial| trial.failed_at_step.is_some());
-        let refused = collided || failed || impact_m_s > self.impact_limit_m_s;
+        let refused = collided || failed || impact_m_s > impact_limit_m_s;
         let fitness = if refused {
             0.0
         } else {

@@ -48,6 +48,7 @@ pub struct Found {
 pub struct Search {
     space: GaitSpace,
     scoring: ScoreSettings,
+    impact_limit_m_s: f32,
     swarm: Swarm,
     archive: Vec<Found>,
     collisions: u64,
@@ -57,13 +58,14 @@ pub struct Search {
 }
 
 impl Search {
-    /// A search over `space` with `particles` and `seed`.
+    /// A search over `space` with `particles` and `seed`; harder ground contacts than `impact_limit_m_s` refuse a gait.
     ///
     /// # Errors
     /// When the space is empty or there is no particle.
     pub fn start(
         space: GaitSpace,
         scoring: ScoreSettings,
+        impact_limit_m_s: f32,
         particles: usize,
         seed: u64,
     ) -> Result<Self, SettingsError> {
@@ -71,6 +73,7 @@ impl Search {
         Ok(Self {
             space,
             scoring,
+            impact_limit_m_s,
             swarm: Swarm::start(settings),
             archive: Vec::new(),
             collisions: 0,
@@ -111,7 +114,7 @@ impl Search {
             let Some(particle) = jobs.first().map(|job| job.particle) else {
                 continue;
             };
-            let score = self.scoring.score(outcomes);
+            let score = self.scoring.score(outcomes, self.impact_limit_m_s);
             self.count(&score, outcomes.len());
             fitness[particle] = score.fitness;
             self.remember(&positions[particle], particle, score, outcomes);
@@ -124,7 +127,7 @@ impl Search {
         self.trials += trials as u64;
         self.collisions += u64::from(score.collided);
         self.failures += u64::from(score.failed);
-        self.impacts += u64::from(score.impact_m_s > self.scoring.impact_limit_m_s);
+        self.impacts += u64::from(score.impact_m_s > self.impact_limit_m_s);
     }
 
     fn remember(

@@ -10,6 +10,7 @@ pub const DIMENSIONS: usize = 3 * JOINTS - 1;
 
 /// The search space and what all its gaits share. Parameters only.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct GaitSpace {
     /// f, Hz; the paper's 0.2.
     pub frequency_hz: f32,

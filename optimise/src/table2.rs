@@ -1,282 +1,33 @@
-//! The 22 parameters of the meta-optimisation: the paper's Table II as data.
+//! Table II as evidence: which fitted values no hardware could have.
 
-/// One row of Table II, in SI units.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
-    /// Number in the table, from 1.
-    pub number: u8,
-    /// Name in files and reports.
-    pub name: &'static str,
-    /// What it is.
-    pub text: &'static str,
-    /// Unit of the values.
-    pub unit: &'static str,
-    /// Lower end of the search range.
-    pub low: f64,
-    /// Upper end of the search range.
-    pub high: f64,
-    /// Hand-tuned value.
-    pub hand_tuned: f64,
-    /// The paper's value after meta-optimisation.
-    pub paper: f64,
-    /// Largest value the hardware can have, with the reason; a fitted value beyond it is evidence of an effect the model lacks.
-    pub plausible_high: Option<(f64, &'static str)>,
-}
+use control::robot::{INTER_NO_LOAD_RAD_S, INTRA_NO_LOAD_RAD_S};
+use files::model::Key;
 
-impl Row {
-    /// How many times beyond what the hardware can have; `None` when plausible or without a limit.
-    #[must_use]
-    pub fn implausible_factor(&self, value: f64) -> Option<f64> {
-        let (limit, _) = self.plausible_high?;
-        (value > limit).then(|| value / limit)
+/// Number of rows.
+pub const ROWS: usize = Key::TABLE_II.len();
+
+/// Nominal torques of the motors (paper, Table I), N m.
+const INTRA_NOMINAL_NM: f64 = 4.9;
+const INTER_NOMINAL_NM: f64 = 3.6;
+
+/// The largest value the hardware can have, with the reason; `None` where no data sheet sets one.
+#[must_use]
+pub fn plausible_high(key: Key) -> Option<(f64, &'static str)> {
+    const SPEED: &str = "no-load speed of the motor (Table I)";
+    const TORQUE: &str = "nominal torque of the motor (Table I)";
+    match key {
+        Key::IntraSpeed => Some((INTRA_NO_LOAD_RAD_S.into(), SPEED)),
+        Key::InterSpeed => Some((INTER_NO_LOAD_RAD_S.into(), SPEED)),
+        Key::IntraTorque => Some((INTRA_NOMINAL_NM, TORQUE)),
+        Key::InterTorque => Some((INTER_NOMINAL_NM, TORQUE)),
+        _ => None,
     }
 }
 
-/// Number of rows.
-pub const ROWS: usize = 22;
-
-/// Table II. The hand-tuned camera height of 2.60 m lies outside the paper's own search range [2.10, 2.40]; it is kept as printed.
-pub const TABLE_II: [Row; ROWS] = [
-    Row {
-        number: 1,
-        name: "cfm",
-        text: "Constraint force mixing",
-        unit: "-",
-        low: 0.0,
-        high: 0.001,
-        hand_tuned: 0.00001,
-        paper: 0.00014892,
-        plausible_high: None,
-    },
-    Row {
-        number: 2,
-        name: "erp",
-        text: "Error reduction parameter",
-        unit: "-",
-        low: 0.1,
-        high: 0.8,
-        hand_tuned: 0.2,
-        paper: 0.3652,
-        plausible_high: None,
-    },
-    Row {
-        number: 3,
-        name: "ground_friction",
-        text: "Coulomb friction between robot and ground",
-        unit: "-",
-        low: 0.1,
-        high: 5.0,
-        hand_tuned: 1.0,
-        paper: 0.8018,
-        plausible_high: None,
-    },
-    Row {
-        number: 4,
-        name: "bounce",
-        text: "Bounce between robot and ground",
-        unit: "-",
-        low: 0.0,
-        high: 1.0,
-        hand_tuned: 0.5,
-        paper: 0.804,
-        plausible_high: None,
-    },
-    Row {
-        number: 5,
-        name: "half_sphere_mass_0",
-        text: "Mass of half-sphere 0",
-        unit: "kg",
-        low: 0.28,
-        high: 0.37,
-        hand_tuned: 0.325,
-        paper: 0.3038,
-        plausible_high: None,
-    },
-    Row {
-        number: 6,
-        name: "half_sphere_mass_1",
-        text: "Mass of half-sphere 1",
-        unit: "kg",
-        low: 0.28,
-        high: 0.37,
-        hand_tuned: 0.325,
-        paper: 0.3142,
-        plausible_high: None,
-    },
-    Row {
-        number: 7,
-        name: "half_sphere_mass_2",
-        text: "Mass of half-sphere 2",
-        unit: "kg",
-        low: 0.28,
-        high: 0.37,
-        hand_tuned: 0.325,
-        paper: 0.2939,
-        plausible_high: None,
-    },
-    Row {
-        number: 8,
-        name: "half_sphere_mass_3",
-        text: "Mass of half-sphere 3",
-        unit: "kg",
-        low: 0.28,
-        high: 0.37,
-        hand_tuned: 0.325,
-        paper: 0.3308,
-        plausible_high: None,
-    },
-    Row {
-        number: 9,
-        name: "half_sphere_mass_4",
-        text: "Mass of half-sphere 4",
-        unit: "kg",
-        low: 0.28,
-        high: 0.37,
-        hand_tuned: 0.325,
-        paper: 0.3079,
-        plausible_high: None,
-    },
-    Row {
-        number: 10,
-        name: "half_sphere_mass_5",
-        text: "Mass of half-sphere 5",
-        unit: "kg",
-        low: 0.28,
-        high: 0.37,
-        hand_tuned: 0.325,
-        paper: 0.3316,
-        plausible_high: None,
-    },
-    Row {
-        number: 11,
-        name: "half_sphere_mass_6",
-        text: "Mass of half-sphere 6",
-        unit: "kg",
-        low: 0.28,
-        high: 0.37,
-        hand_tuned: 0.325,
-        paper: 0.3438,
-        plausible_high: None,
-    },
-    Row {
-        number: 12,
-        name: "half_sphere_mass_7",
-        text: "Mass of half-sphere 7",
-        unit: "kg",
-        low: 0.28,
-        high: 0.37,
-        hand_tuned: 0.325,
-        paper: 0.3017,
-        plausible_high: None,
-    },
-    Row {
-        number: 13,
-        name: "intra_max_velocity",
-        text: "Intra-cube maximum velocity",
-        unit: "rad/s",
-        low: 1.0,
-        high: 15.0,
-        hand_tuned: 2.5,
-        paper: 6.8721,
-        plausible_high: Some((2.786, "no-load speed of the motor, Table I")),
-    },
-    Row {
-        number: 14,
-        name: "intra_max_torque",
-        text: "Intra-cube maximum torque",
-        unit: "N m",
-        low: 2.5,
-        high: 15.0,
-        hand_tuned: 4.8,
-        paper: 9.0643,
-        plausible_high: Some((4.9, "nominal torque of the motor, Table I")),
-    },
-    Row {
-        number: 15,
-        name: "intra_p",
-        text: "Intra-cube control parameter P",
-        unit: "1/s",
-        low: 5.0,
-        high: 15.0,
-        hand_tuned: 10.0,
-        paper: 6.9873,
-        plausible_high: None,
-    },
-    Row {
-        number: 16,
-        name: "intra_damping",
-        text: "Intra-cube damping constant",
-        unit: "N m s/rad",
-        low: 0.0,
-        high: 1.0,
-        hand_tuned: 0.0,
-        paper: 0.1172,
-        plausible_high: None,
-    },
-    Row {
-        number: 17,
-        name: "inter_max_velocity",
-        text: "Inter-cube maximum velocity",
-        unit: "rad/s",
-        low: 1.0,
-        high: 15.0,
-        hand_tuned: 1.5,
-        paper: 7.5193,
-        plausible_high: Some((2.032, "no-load speed of the motor, Table I")),
-    },
-    Row {
-        number: 18,
-        name: "inter_max_torque",
-        text: "Inter-cube maximum torque",
-        unit: "N m",
-        low: 2.5,
-        high: 15.0,
-        hand_tuned: 3.2,
-        paper: 12.208,
-        plausible_high: Some((3.6, "nominal torque of the motor, Table I")),
-    },
-    Row {
-        number: 19,
-        name: "inter_p",
-        text: "Inter-cube control parameter P",
-        unit: "1/s",
-        low: 5.0,
-        high: 15.0,
-        hand_tuned: 10.0,
-        paper: 12.8652,
-        plausible_high: None,
-    },
-    Row {
-        number: 20,
-        name: "inter_damping",
-        text: "Inter-cube damping constant",
-        unit: "N m s/rad",
-        low: 0.0,
-        high: 1.0,
-        hand_tuned: 0.0,
-        paper: 0.5622,
-        plausible_high: None,
-    },
-    Row {
-        number: 21,
-        name: "camera_height",
-        text: "Height of the virtual camera",
-        unit: "m",
-        low: 2.1,
-        high: 2.4,
-        hand_tuned: 2.6,
-        paper: 2.27816,
-        plausible_high: None,
-    },
-    Row {
-        number: 22,
-        name: "camera_time_shift",
-        text: "Time shift between the films",
-        unit: "s",
-        low: 0.0,
-        high: 1.2,
-        hand_tuned: 0.9,
-        paper: 0.4241056,
-        plausible_high: None,
-    },
-];
+/// How many times beyond what the hardware can have a value lies; `None` when plausible. A factor is evidence that the fit
+/// put an effect the model lacks into this parameter.
+#[must_use]
+pub fn implausible_factor(key: Key, value: f64) -> Option<f64> {
+    let (limit, _) = plausible_high(key)?;
+    (value > limit).then(|| value / limit)
+}

@@ -4,9 +4,10 @@
 use control::gait::Gait;
 use control::linalg::{Pose, Vec3};
 use control::robot::RobotModel;
+use files::model::Model;
 use optimise::meta::{
     FilmSettings, FilmedGait, Fit, Likeness, MetaError, Motion, MotionJob, MotionTrials, TableIii,
-    hand_tuned,
+    rows_of,
 };
 use optimise::space::GaitSpace;
 use optimise::table2::ROWS;
@@ -60,7 +61,7 @@ fn gait() -> Gait {
 }
 
 fn truth() -> [f64; ROWS] {
-    let mut truth = hand_tuned();
+    let mut truth = rows_of(&Model::hand_tuned());
     (truth[2], truth[14], truth[20], truth[21]) = (2.2, 7.5, 2.27, 0.5);
     truth
 }
@@ -83,7 +84,7 @@ fn filmed(training: bool) -> FilmedGait {
 fn a_fit_of_four_rows_recovers_what_was_filmed() {
     let gaits = [filmed(true), filmed(false)];
     let likeness = Likeness::new(&gaits, settings(), &RobotModel::default()).unwrap();
-    let mut fit = Fit::start(&[3, 15, 21, 22], &hand_tuned(), 24, 5).unwrap();
+    let mut fit = Fit::start(&[3, 15, 21, 22], &rows_of(&Model::hand_tuned()), 24, 5).unwrap();
     let before = TableIii::new(&gaits, &likeness.ratios(&fit.best(), &Drift).unwrap());
     for _ in 0..25 {
         fit.iterate(&likeness, &Drift).unwrap();
@@ -111,7 +112,7 @@ fn a_fit_of_four_rows_recovers_what_was_filmed() {
 fn wrong_rows_and_missing_training_are_refused() {
     for rows in [&[0u8][..], &[23], &[3, 3]] {
         assert!(matches!(
-            Fit::start(rows, &hand_tuned(), 4, 0),
+            Fit::start(rows, &rows_of(&Model::hand_tuned()), 4, 0),
             Err(MetaError::Row { .. })
         ));
     }
