@@ -31,7 +31,7 @@ pub enum ServeEvent {
     Status {
         /// Virtual time [s].
         virtual_s: f64,
-        /// Real time not yet caught up with [s]; above 0 the machine is too slow.
+        /// Real time left out because the machine was too slow or asleep, in all [s].
         behind_s: f64,
         /// Bytes so far.
         bus: BusCounters,
@@ -68,6 +68,7 @@ pub fn serve(
         offset_ns: world.now_ns(),
     };
     let mut last_status = Instant::now();
+    let mut behind_ns = 0;
     let ready = ServeEvent::Ready {
         address: endpoint.address(),
     };
@@ -77,7 +78,7 @@ pub fn serve(
     let mut input = [0_u8; 1024];
     loop {
         let count = endpoint.read(&mut input, patience(world, &clock))?;
-        let behind_ns = clock.skip_if_late(world.now_ns());
+        behind_ns += clock.skip_if_late(world.now_ns());
         let now_ns = clock.now_ns();
         if now_ns > world.now_ns() {
             world.advance_to(now_ns);
