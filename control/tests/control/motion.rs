@@ -1,10 +1,7 @@
 //! The motion planner from the outside: what leaves for the motors, against the CPG alone and the oracle.
 
-mod common;
-#[path = "oracle/mod.rs"]
-mod oracle;
-
-use common::{clash, crawl, gait};
+use crate::common::{clash, crawl, gait};
+use crate::oracle;
 use control::cpg;
 use control::gait::Gait;
 use control::motion::{
