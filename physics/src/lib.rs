@@ -19,6 +19,7 @@
 //! ```
 #![deny(unsafe_code)]
 
+mod body;
 mod dispatch;
 mod drive;
 mod engine;
@@ -30,6 +31,7 @@ mod robot;
 mod rollout;
 mod trial;
 
+pub use body::{Body, Imu, JointDrive};
 pub use dispatch::{Level, run, run_at};
 pub use params::{GRAVITY_M_S2, JointParams, Params, ParamsError};
 pub use robot::{HalfShape, JointClass, MAX_JOINTS, RawBody, RawHalf, RawRobot, Robot, RobotError};

@@ -1,4 +1,6 @@
 //! The engine against formulas: free fall, pendulum, sliding, bounce, holding torque, momentum.
+// Helpers outside `#[test]` functions may fail a test by panicking too.
+#![allow(clippy::unwrap_used)]
 
 use files::model::{Effect, Key, Model};
 use physics::{

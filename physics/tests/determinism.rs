@@ -1,4 +1,6 @@
 //! The same bits on every instruction set, in every company, on every thread count.
+// Helpers outside `#[test]` functions may fail a test by panicking too.
+#![allow(clippy::unwrap_used)]
 
 mod common;
 

@@ -21,6 +21,7 @@
 
 mod contact;
 mod dynamics;
+mod energy;
 mod free;
 mod params;
 mod selfcontact;
@@ -28,6 +29,7 @@ mod solve;
 mod state;
 mod tree;
 
+pub(crate) use energy::energy;
 pub(crate) use params::{LaneParams, Switches};
 pub(crate) use state::{State, Work};
 pub(crate) use tree::Tree;
