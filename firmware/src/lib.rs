@@ -10,7 +10,12 @@
 #![cfg_attr(not(test), no_std)]
 #![forbid(unsafe_code)]
 
+pub mod app;
 pub mod crash;
 pub mod ports;
 pub mod shared;
 pub mod slots;
+pub mod tasks;
+
+/// Name and version of the application, as told on the link.
+pub const FIRMWARE_ID: &str = concat!("rb-firmware ", env!("CARGO_PKG_VERSION"));

@@ -125,6 +125,16 @@ impl Slots {
             .filter(|len| *len > 0)
     }
 
+    /// Sequence number of a record: one more than any before it, over all pairs.
+    #[must_use]
+    pub fn sequence(&self, pair: usize) -> Option<u32> {
+        self.valid
+            .get(pair)
+            .copied()
+            .flatten()
+            .map(|entry| entry.seq)
+    }
+
     /// Copies the payload of a record and returns its length. The CRC is checked again.
     pub fn read<S: SlotStore>(
         &self,
@@ -163,14 +173,19 @@ impl Slots {
         pair: usize,
         payload: &[u8],
     ) -> Result<(), SlotError> {
+        let seq = self
+            .valid
+            .iter()
+            .flatten()
+            .map(|entry| entry.seq)
+            .max()
+            .unwrap_or(0)
+            .saturating_add(1);
         let valid = self.valid.get_mut(pair).ok_or(SlotError::NoSuchSlot)?;
         if payload.len() > PAYLOAD_BYTES {
             return Err(SlotError::TooLong);
         }
-        let (page, seq) = match *valid {
-            Some(entry) => (entry.page ^ 1, entry.seq.wrapping_add(1)),
-            None => (2 * pair, 1),
-        };
+        let page = valid.map_or(2 * pair, |entry| entry.page ^ 1);
         let entry = Entry {
             page,
             seq,

@@ -1,0 +1,377 @@
+//! What the module knows of its six drivers, and what it believes.
+//!
+//! A CRC-16 lets one wrong frame through every few hours on a noisy wire, so no reading is believed on its checksum
+//! alone: each must fit the one before. What does not fit becomes a [`Finding`], never a command.
+
+use control::robot::{JOINTS, RobotModel};
+use protocol::bus::PackedFeedback;
+use protocol::bus::feedback::status;
+use protocol::units;
+
+/// Cycles without an answer after which a driver counts as lost: its own bus watchdog trips at the same time.
+pub const LOST_CYCLES: u8 = 3;
+/// A joint may turn this much faster than its no-load speed before a reading counts as a jump: full battery (8.4 V
+/// against 7.4 V nominal) and overshoot.
+const SPEED_MARGIN: f32 = 1.5;
+/// Added to the largest plausible step, rad: quantisation and the play of a worn gear.
+const STEP_MARGIN_RAD: f32 = 0.03;
+/// An applied set-point this close to one that was sent is the one that was sent, urad: drivers may quantise
+/// (X-series: 1534 urad).
+const ECHO_TOLERANCE_URAD: i32 = 3_200;
+/// Set-points remembered per driver: a driver behind a slow transport may apply one that is 0.4 s old.
+const SENT_KEPT: usize = 8;
+/// Readings in a row with a foreign set-point that stop the robot.
+const ECHO_CYCLES: u8 = 3;
+/// Cycles at full duty without motion that count as a stall: 2 s, before the driver's own overload guard at 3 s.
+const STALL_CYCLES: u8 = 40;
+/// Duty of a stalled motor: 95 % of full, counts of 1/2000.
+const STALL_DUTY: i16 = 1_900;
+/// Speed below which a motor stands, counts of 0.5 mrad/s: 10 mrad/s, 0.4 % of no-load speed.
+const STALL_VELOCITY: i16 = 20;
+/// Distance to the set-point that makes standing at full duty a stall, urad.
+const STALL_ERROR_URAD: i32 = 200_000;
+
+/// Something about a driver that the supervisor or the host must know.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Finding {
+    /// It answers (again).
+    Found,
+    /// It did not answer for [`LOST_CYCLES`] cycles.
+    Lost,
+    /// It restarted: zero and settings are gone.
+    Reset,
+    /// It reports a hardware error.
+    HardwareError,
+    /// The position moved further than the joint can turn.
+    Jump,
+    /// It applies a set-point that was not sent.
+    WrongSetPoint {
+        /// Last one sent, urad in the joint's frame.
+        sent_urad: i32,
+        /// What it applies, urad in the joint's frame.
+        applied_urad: i32,
+        /// Seen often enough to stop.
+        certain: bool,
+    },
+    /// Full duty, no motion.
+    Stall,
+}
+
+/// Findings of one reading: at most one of each kind.
+pub type Findings = heapless::Vec<Finding, 7>;
+
+/// One driver.
+#[derive(Debug, Clone, Default)]
+pub struct Motor {
+    /// Last reading that was believed, driver's frame.
+    last: Option<PackedFeedback>,
+    last_us: u64,
+    zero_urad: i32,
+    /// Set-points in the driver's frame, newest last.
+    sent: heapless::Deque<i32, SENT_KEPT>,
+    misses: u8,
+    lost: bool,
+    hardware_error: bool,
+    wrong_echoes: u8,
+    stalled: u8,
+    answered: bool,
+    /// Watchdog and delays are to be written before the next torque.
+    configure: bool,
+}
+
+impl Motor {
+    /// Takes a reading. `now_us` is the time it was complete.
+    pub fn absorb(
+        &mut self,
+        model: &RobotModel,
+        joint: usize,
+        feedback: PackedFeedback,
+        now_us: u64,
+    ) -> Findings {
+        let mut findings = Findings::new();
+        let mut find = |finding| {
+            // Room for one of each kind.
+            let _ = findings.push(finding);
+        };
+        let reset = self.last.is_some_and(|last| last.boots != feedback.boots);
+        if reset {
+            find(Finding::Reset);
+            self.forget();
+        }
+        if let Some(last) = self.last.filter(|_| now_us > self.last_us) {
+            if last.tick_4us == feedback.tick_4us && now_us - self.last_us < 200_000 {
+                // The same measurement again: the driver's loop stands. It counts as no answer.
+                return findings;
+            }
+            if self.jumped(model, joint, &last, &feedback, now_us) {
+                find(Finding::Jump);
+            }
+        }
+        if self.last.is_none() || self.lost {
+            find(Finding::Found);
+            self.configure = true;
+        }
+        let error = feedback.status & status::HARDWARE_ERROR != 0;
+        if error && !self.hardware_error {
+            find(Finding::HardwareError);
+        }
+        self.hardware_error = error;
+        if let Some(finding) = self.check_echo(&feedback) {
+            find(finding);
+        }
+        if self.stalls(&feedback) {
+            find(Finding::Stall);
+        }
+        self.last = Some(feedback);
+        self.last_us = now_us;
+        self.answered = true;
+        self.lost = false;
+        self.misses = 0;
+        findings
+    }
+
+    fn jumped(
+        &self,
+        model: &RobotModel,
+        joint: usize,
+        last: &PackedFeedback,
+        now: &PackedFeedback,
+        now_us: u64,
+    ) -> bool {
+        let speed_rad_s = model
+            .joints()
+            .get(joint)
+            .map_or(0.0, |limits| limits.no_load_speed_rad_s);
+        let dt_s = (now_us - self.last_us).min(1_000_000) as f32 * 1e-6;
+        let step_rad = units::rad_from_urad(now.position_urad.saturating_sub(last.position_urad));
+        step_rad.abs() > speed_rad_s * SPEED_MARGIN * dt_s + STEP_MARGIN_RAD
+    }
+
+    fn check_echo(&mut self, feedback: &PackedFeedback) -> Option<Finding> {
+        let torque = feedback.status & status::TORQUE != 0;
+        let newest = *self.sent.back().filter(|_| torque)?;
+        let applied = feedback.applied_urad;
+        let known = self
+            .sent
+            .iter()
+            .any(|sent| applied.abs_diff(*sent) <= ECHO_TOLERANCE_URAD.unsigned_abs());
+        if known {
+            self.wrong_echoes = 0;
+            return None;
+        }
+        self.wrong_echoes = self.wrong_echoes.saturating_add(1);
+        // Only the first of a row and the one that makes it certain are worth an event.
+        let certain = self.wrong_echoes == ECHO_CYCLES;
+        (certain || self.wrong_echoes == 1).then(|| Finding::WrongSetPoint {
+            sent_urad: newest.saturating_sub(self.zero_urad),
+            applied_urad: applied.saturating_sub(self.zero_urad),
+            certain,
+        })
+    }
+
+    fn stalls(&mut self, feedback: &PackedFeedback) -> bool {
+        let torque = feedback.status & status::TORQUE != 0;
+        let error_urad = feedback.applied_urad.abs_diff(feedback.position_urad);
+        let pushing = feedback.duty.unsigned_abs() >= STALL_DUTY.unsigned_abs()
+            && feedback.velocity.unsigned_abs() <= STALL_VELOCITY.unsigned_abs()
+            && error_urad >= STALL_ERROR_URAD.unsigned_abs();
+        self.stalled = if torque && pushing {
+            self.stalled.saturating_add(1)
+        } else {
+            0
+        };
+        self.stalled == STALL_CYCLES
+    }
+
+    /// Ends a control cycle: a driver that did not answer is one miss further.
+    pub fn end_cycle(&mut self) -> Option<Finding> {
+        if self.answered || self.lost {
+            return None;
+        }
+        self.misses = self.misses.saturating_add(1);
+        if self.misses < LOST_CYCLES {
+            return None;
+        }
+        // Never seen: absent, not lost.
+        let known = self.last.is_some();
+        self.lost = true;
+        known.then_some(Finding::Lost)
+    }
+
+    /// Everything that a restart of the driver makes untrue.
+    fn forget(&mut self) {
+        self.zero_urad = 0;
+        self.last = None;
+        self.sent.clear();
+        self.wrong_echoes = 0;
+        self.stalled = 0;
+        self.hardware_error = false;
+    }
+
+    /// Whether the driver answered in this cycle.
+    #[must_use]
+    pub fn answered(&self) -> bool {
+        self.answered
+    }
+
+    /// Whether the driver answers at all.
+    #[must_use]
+    pub fn present(&self) -> bool {
+        self.last.is_some() && !self.lost
+    }
+
+    /// Position in the joint's frame, rad; `None` without a fresh reading.
+    #[must_use]
+    pub fn position_rad(&self) -> Option<f32> {
+        let last = self.last.filter(|_| self.present() && self.misses == 0)?;
+        Some(units::rad_from_urad(
+            last.position_urad.saturating_sub(self.zero_urad),
+        ))
+    }
+
+    /// Last reading in the joint's frame and when it was complete, us since boot.
+    #[must_use]
+    pub fn reading(&self) -> Option<(PackedFeedback, u64)> {
+        let last = self.last?;
+        let feedback = PackedFeedback {
+            position_urad: last.position_urad.saturating_sub(self.zero_urad),
+            applied_urad: last.applied_urad.saturating_sub(self.zero_urad),
+            ..last
+        };
+        Some((feedback, self.last_us))
+    }
+
+    /// The present position becomes zero. False when there is no fresh reading.
+    pub fn set_zero(&mut self) -> bool {
+        match self.last.filter(|_| self.present() && self.misses == 0) {
+            Some(last) => {
+                self.zero_urad = last.position_urad;
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// What to send for an angle in the joint's frame; `None` when it is not finite or out of range.
+    #[must_use]
+    pub fn to_wire(&self, angle_rad: f32) -> Option<i32> {
+        let raw = units::urad_from_rad(angle_rad)?.checked_add(self.zero_urad)?;
+        (raw.unsigned_abs() <= units::MAX_ANGLE_URAD.unsigned_abs()).then_some(raw)
+    }
+
+    /// Notes that a set-point went out, driver's frame.
+    pub fn note_sent(&mut self, raw_urad: i32) {
+        if self.sent.back() == Some(&raw_urad) {
+            return;
+        }
+        if self.sent.is_full() {
+            let _ = self.sent.pop_front();
+        }
+        // There is room: the oldest was taken out if it was full.
+        let _ = self.sent.push_back(raw_urad);
+    }
+
+    /// Forgets set-points: torque goes off, none of them is in force.
+    pub fn forget_sent(&mut self) {
+        self.sent.clear();
+        self.wrong_echoes = 0;
+    }
+
+    /// Last set-point sent, joint's frame, urad.
+    #[must_use]
+    pub fn setpoint_urad(&self) -> Option<i32> {
+        self.sent
+            .back()
+            .map(|raw| raw.saturating_sub(self.zero_urad))
+    }
+
+    /// Measured position in the driver's frame, for the set-point that goes out before torque.
+    #[must_use]
+    pub fn raw_position_urad(&self) -> Option<i32> {
+        self.last.map(|last| last.position_urad)
+    }
+
+    /// Whether the driver says that its torque is on; `None` when it is not known.
+    #[must_use]
+    pub fn torque(&self) -> Option<bool> {
+        self.last
+            .filter(|_| self.present())
+            .map(|last| last.status & status::TORQUE != 0)
+    }
+
+    /// Whether its bus watchdog has tripped.
+    #[must_use]
+    pub fn watchdog_tripped(&self) -> bool {
+        self.last
+            .is_some_and(|last| last.status & status::WATCHDOG != 0)
+    }
+
+    /// Whether its watchdog is to be set: it is new, or the watchdog has tripped.
+    #[must_use]
+    pub fn needs_settings(&self) -> bool {
+        self.present() && (self.configure || self.watchdog_tripped())
+    }
+
+    /// The settings went out.
+    pub fn settings_sent(&mut self) {
+        self.configure = false;
+    }
+
+    /// A new instant of the grid: nothing was read in it yet.
+    pub fn begin_slot(&mut self) {
+        self.answered = false;
+    }
+}
+
+/// The six drivers, by joint.
+#[derive(Debug, Default)]
+pub struct Motors {
+    motors: [Motor; JOINTS],
+}
+
+impl Motors {
+    /// None seen.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The driver of a joint.
+    #[must_use]
+    pub fn get(&self, joint: usize) -> Option<&Motor> {
+        self.motors.get(joint)
+    }
+
+    /// The driver of a joint, to change.
+    pub fn get_mut(&mut self, joint: usize) -> Option<&mut Motor> {
+        self.motors.get_mut(joint)
+    }
+
+    /// In joint order.
+    pub fn iter(&self) -> impl Iterator<Item = &Motor> {
+        self.motors.iter()
+    }
+
+    /// In joint order, to change.
+    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut Motor> {
+        self.motors.iter_mut()
+    }
+
+    /// Bit k: `test` holds for driver k.
+    pub fn mask(&self, test: impl Fn(&Motor) -> bool) -> u8 {
+        self.motors
+            .iter()
+            .zip(0..)
+            .fold(0, |mask, (motor, bit)| mask | u8::from(test(motor)) << bit)
+    }
+
+    /// Measured angles, rad, when all six are fresh.
+    #[must_use]
+    pub fn positions_rad(&self) -> Option<[f32; JOINTS]> {
+        let mut angles = [0.0; JOINTS];
+        for (angle, motor) in angles.iter_mut().zip(&self.motors) {
+            *angle = motor.position_rad()?;
+        }
+        Some(angles)
+    }
+}

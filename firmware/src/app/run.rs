@@ -1,0 +1,130 @@
+//! One run, from the start order to the end of the hold.
+
+use control::gait::Gait;
+use control::motion::Planner;
+use control::robot::JOINTS;
+use control::supervisor::{State, StopReason};
+use protocol::crc::Crc32c;
+use protocol::link::{Digest, EndReason, RunEnd, StartOrder, TelemetryRate, WireGait};
+
+/// Cycles between two checks of the gait in RAM against its fingerprint: one second.
+const CHECK_CYCLES: u32 = 20;
+
+/// A run.
+pub struct Run {
+    /// Number since boot.
+    pub number: u16,
+    /// The slot it came from.
+    pub slot: u8,
+    /// Fingerprint of the gait.
+    pub digest: Digest,
+    /// The link that ordered it.
+    pub link: usize,
+    /// Telemetry.
+    pub rate: TelemetryRate,
+    gait: Gait,
+    /// From the first cycle with torque on.
+    pub planner: Option<Planner>,
+    /// CPG cycles so far.
+    pub cycles: u32,
+    /// Cycles since torque was asked for.
+    pub age_cycles: u32,
+    /// The planner said in the last cycle that the start pose is reached.
+    pub in_position: bool,
+    /// The next cycle repeats the last set-point: the last one was an overrun.
+    pub hold_next: bool,
+    /// Length of the hold under way, cycles.
+    pub hold_cycles: u32,
+    /// A set-point went out since the last sample.
+    pub new_setpoint: bool,
+    crc: Crc32c,
+    reason: Option<EndReason>,
+}
+
+impl Run {
+    /// A run that has been ordered; nothing moves yet.
+    #[must_use]
+    pub fn new(number: u16, gait: Gait, order: &StartOrder, link: usize) -> Self {
+        Self {
+            number,
+            slot: order.slot,
+            digest: order.digest,
+            link,
+            rate: order.rate,
+            gait,
+            planner: None,
+            cycles: 0,
+            age_cycles: 0,
+            in_position: false,
+            hold_next: false,
+            hold_cycles: 0,
+            new_setpoint: false,
+            crc: Crc32c::new(),
+            reason: None,
+        }
+    }
+
+    /// The gait.
+    #[must_use]
+    pub fn gait(&self) -> &Gait {
+        &self.gait
+    }
+
+    /// Counts one CPG cycle and its set-points.
+    pub fn count(&mut self, set_point_rad: &[f32; JOINTS]) {
+        self.cycles = self.cycles.saturating_add(1);
+        for angle in set_point_rad {
+            self.crc.update(&angle.to_le_bytes());
+        }
+    }
+
+    /// Once a second: whether gait and planner still hold what was started.
+    #[must_use]
+    pub fn is_intact(&self) -> bool {
+        if !self.age_cycles.is_multiple_of(CHECK_CYCLES) {
+            return true;
+        }
+        let planned = self.planner.as_ref().map_or(&self.gait, Planner::gait);
+        WireGait::from(planned).digest() == self.digest
+    }
+
+    /// Notes why the run ends; the first reason stays.
+    pub fn note_end(&mut self, state: &State) {
+        let reason = match state {
+            State::Stopping { reason, .. } => match reason {
+                StopReason::Ordered => EndReason::Stopped,
+                StopReason::LeaseOver => EndReason::Completed,
+                StopReason::ApproachBlocked => EndReason::ApproachBlocked,
+                StopReason::ArmTimeout => EndReason::ArmTimeout,
+                StopReason::Fault(fault) => EndReason::Fault((*fault).into()),
+            },
+            State::Fault { fault, .. } => EndReason::Fault((*fault).into()),
+            State::EStop => EndReason::StopInput,
+            State::Boot
+            | State::Unhomed
+            | State::Idle
+            | State::Armed { .. }
+            | State::Run { .. } => return,
+        };
+        // A fault during a ramp is worth more than the order that began it.
+        let worse = matches!(reason, EndReason::Fault(_) | EndReason::StopInput)
+            && matches!(self.reason, Some(EndReason::Completed | EndReason::Stopped));
+        if self.reason.is_none() || worse {
+            self.reason = Some(reason);
+        }
+    }
+
+    /// The account of the run.
+    #[must_use]
+    pub fn end(&self, samples: u32, dropped: u32) -> RunEnd {
+        RunEnd {
+            run: self.number,
+            reason: self.reason.unwrap_or(EndReason::Stopped),
+            cycles: self.cycles,
+            holds: self.planner.as_ref().map_or(0, Planner::held_cycles),
+            samples,
+            dropped,
+            setpoint_crc32c: self.crc.value(),
+        }
+    }
+}
