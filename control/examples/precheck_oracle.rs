@@ -2,9 +2,9 @@
 //!
 //! `cargo run -p control --release --example precheck_oracle -- [poses] [moves] [seed]`
 
-#[path = "../tests/control/oracle.rs"]
+#[path = "../tests/oracle/mod.rs"]
 mod oracle;
-#[path = "../tests/control/study.rs"]
+#[path = "../tests/oracle/study.rs"]
 mod study;
 
 fn main() {

@@ -8,7 +8,7 @@
 //!                           └──── (any state) ─────┘ └── hold over ─────── Stopping { Ramp ─settled or timeout─▶ Hold } ◀┘
 //!                                                  │                            │ hold over, stopped by a fault
 //!   any state ── fault ──▶ Fault ── ClearFault ────┤ ◀──────────────────────────┘ (to Fault)
-//!   any state ── STOP input ──▶ EStop ── released, ClearFault ──▶ Unhomed or Idle (Boot before the self-test)
+//!   any state ── STOP input ──▶ EStop ── released, ClearFault ──▶ Unhomed or Idle
 //! ```
 //!
 //! Invariants (tested over every state and event and over random sequences):
@@ -36,7 +36,6 @@ pub const ALL_JOINTS: u8 = (1 << JOINTS) - 1;
 pub struct Supervisor {
     state: State,
     homed_mask: u8,
-    booted: bool,
     stop_input: bool,
 }
 
@@ -53,7 +52,6 @@ impl Supervisor {
         Supervisor {
             state: State::Boot,
             homed_mask: 0,
-            booted: false,
             stop_input: false,
         }
     }
@@ -127,11 +125,8 @@ impl Supervisor {
         Ok(())
     }
 
-    /// Where a robot without torque is: the self-test has to have passed, the joints to be homed.
     fn at_rest(&self) -> State {
-        if !self.booted {
-            State::Boot
-        } else if self.homed_mask == ALL_JOINTS {
+        if self.homed_mask == ALL_JOINTS {
             State::Idle
         } else {
             State::Unhomed
@@ -139,7 +134,6 @@ impl Supervisor {
     }
 
     fn on_booted(&mut self) {
-        self.booted = true;
         if let State::Boot = self.state {
             self.state = self.at_rest();
         }
@@ -154,12 +148,6 @@ impl Supervisor {
 
     fn on_fault(&mut self, params: &SupervisorParams, now_us: u64, fault: Fault) {
         match self.state {
-            State::Fault {
-                fault: first,
-                hold_until_us: Some(_),
-            } if fault.reaction() == FaultReaction::Off => {
-                self.latch(params, now_us, first, FaultReaction::Off);
-            }
             State::EStop | State::Fault { .. } => {}
             State::Stopping {
                 reason: StopReason::Fault(first),

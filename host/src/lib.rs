@@ -18,11 +18,8 @@ pub mod gait_file;
 pub mod interrupt;
 pub mod link;
 pub mod output;
-pub mod plot;
 pub mod recording;
-pub mod runner;
 pub mod settings;
-pub mod upload;
 
 use cli::Cli;
 use context::Context;

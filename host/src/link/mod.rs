@@ -10,7 +10,6 @@ pub mod serial;
 pub mod sim;
 mod stream;
 pub mod tcp;
-pub mod telemetry;
 pub mod text;
 
 use std::time::Duration;

@@ -1,0 +1,1 @@
+//! Faults of drivers, bus, battery and link while the robot runs.

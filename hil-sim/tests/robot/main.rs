@@ -1,0 +1,6 @@
+//! The firmware's own tasks, natively, on a virtual clock: behaviour of the whole module seen from its wires.
+
+mod common;
+mod faults;
+mod orders;
+mod run;

@@ -1,0 +1,71 @@
+//! Orders: what is accepted when, and what moves because of it.
+
+use crate::common::{gait, ready};
+use hil_sim::robot::host::{AskError, SimHost};
+use hil_sim::robot::{EmulatedRobot, Setup};
+use protocol::link::{FromModule, ModuleState, Reject, TelemetryRate, ToModule};
+
+#[test]
+fn after_power_up_the_module_is_unhomed_and_refuses_to_start() {
+    let mut robot = EmulatedRobot::ideal(Setup::default());
+    let mut host = SimHost::new(robot.link());
+    robot.run_for(200_000);
+    host.hello(&mut robot).expect("answers");
+    let digest = host
+        .upload(&mut robot, 0, &gait(0))
+        .expect("uploading needs no zero");
+    let FromModule::Info(info) = host.ask(&mut robot, &ToModule::GetInfo).expect("answers") else {
+        panic!()
+    };
+    assert_eq!(
+        (info.state, info.homed_mask, info.motor_mask),
+        (ModuleState::Unhomed, 0, 63)
+    );
+    let refused = host.start(&mut robot, 0, digest, 1_000, TelemetryRate::Off);
+    assert_eq!(
+        refused,
+        Err(AskError::Rejected(Reject::NotHomed { missing_mask: 63 }))
+    );
+    robot.run_for(2_000_000);
+    for joint in 0..6 {
+        assert!(
+            robot.motors().borrow().taken(joint).is_empty()
+                && !robot.motors().borrow().torque(joint)
+        );
+    }
+}
+
+#[test]
+fn stop_is_effective_within_one_cycle_and_three_ms_at_any_phase() {
+    let mut worst_us = 0;
+    for phase_us in (0..50_000).step_by(1_700) {
+        let (mut robot, mut host, digest) = ready(3);
+        host.start(&mut robot, 0, digest, 60_000, TelemetryRate::Off)
+            .expect("ready");
+        robot.run_for(6_000_000 + phase_us);
+        let at_us = robot.now_us();
+        let answer = host.ask(&mut robot, &ToModule::Stop);
+        assert_eq!(answer, Ok(FromModule::Ack { request: 9 }));
+        let FromModule::Info(info) = host.ask(&mut robot, &ToModule::GetInfo).expect("answers")
+        else {
+            panic!()
+        };
+        assert_eq!(info.state, ModuleState::Stopping);
+        let end = host
+            .wait_for_end(&mut robot, 10_000_000)
+            .expect("the ramp ends");
+        assert_eq!(end.reason, protocol::link::EndReason::Stopped);
+        // The first set-point after the order already belongs to the ramp: the count of gait cycles stops before it.
+        let after = robot
+            .motors()
+            .borrow()
+            .taken(0)
+            .into_iter()
+            .find(|taken| taken.at_ns > at_us * 1000);
+        let latency_us = after.expect("the ramp moves").at_ns / 1000 - at_us;
+        worst_us = worst_us.max(latency_us);
+        assert!((0..6).all(|joint| !robot.motors().borrow().torque(joint)));
+    }
+    println!("STOP: first set-point of the ramp {worst_us} us after the order at the latest");
+    assert!(worst_us <= 53_000, "{worst_us} us");
+}
