@@ -1,5 +1,7 @@
 //! What the joints carry: the hook for a physics engine, and the default stand.
 
+use std::any::Any;
+
 use crate::motor::LinkDrive;
 
 /// Motion of one link as the body reports it.
@@ -20,8 +22,9 @@ pub struct LinkState {
 ///
 /// Contract: `step` integrates over `dt_s` under constant drives. A drive's torque acts on the link, its reaction on
 /// the proximal body; its armature is added to the joint's own diagonal inertia. The joint model may call with any
-/// multiple of its own step (see `WorldParams::body_every`).
-pub trait Body: Send {
+/// multiple of its own step (see `WorldParams::body_every`). To read more than links (a base pose), upcast
+/// [`crate::plant::Plant::body`] to `Any` and down to the body's own type.
+pub trait Body: Any + Send {
     /// Number of joints.
     fn joints(&self) -> usize;
 

@@ -3,6 +3,7 @@
 //! - [`motor`]: one geared joint (motor, gear, friction, play, heat); [`body`]: what the joints carry
 //! - [`driver`]: registers and the 1 kHz loop of one motor driver
 //! - [`fault`]: seeded faults; [`effects`]: effects by their shared names
+//! - [`scenario`]: all of it from a file
 //! - [`bus`]: the half-duplex wire, byte by byte
 //! - [`world`]: drivers, joints, supply, body and bus on one virtual clock
 //! - `board`: the firmware image in QEMU, on Unix
@@ -23,5 +24,6 @@ pub mod motor;
 pub mod plant;
 pub mod rng;
 pub mod robot;
+pub mod scenario;
 pub mod supply;
 pub mod world;

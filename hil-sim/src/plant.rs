@@ -86,7 +86,7 @@ impl Plant {
         self.bus_v
     }
 
-    /// The body, for readers that know its type's interface.
+    /// The body; upcast to `Any` to reach its own type.
     #[must_use]
     pub fn body(&self) -> &dyn Body {
         self.body.as_ref()

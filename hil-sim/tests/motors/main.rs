@@ -2,4 +2,5 @@
 
 mod joint;
 mod position_loop;
+mod scenario_file;
 mod wire;

@@ -1,0 +1,279 @@
+//! `scenario.toml`: which motors, which effects, which faults. The format is described in `docs/emulator.md`.
+//!
+//! Pure: the caller reads the file.
+
+mod error;
+mod reader;
+
+use toml::de::DeTable;
+
+pub use error::{ScenarioError, ScenarioProblem};
+use reader::{Source, Table};
+
+use crate::effects;
+use crate::fault::{Fault, FaultKind};
+use crate::motor::{JointKind, JointParams};
+use crate::world::WorldParams;
+
+/// A scenario ready to be run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scenario {
+    /// Free text for reports.
+    pub name: String,
+    /// Motors, drivers, supply, bus and faults.
+    pub world: WorldParams,
+}
+
+/// Longest file. Chosen: a thousand times what a scenario needs.
+const MAX_BYTES: usize = 1 << 20;
+/// The only format so far.
+const FORMAT: u64 = 1;
+
+#[derive(Clone, Copy)]
+enum Robot {
+    Metamodule,
+    Bench,
+}
+
+/// Reads a scenario. `file` is its name in messages. An empty file is six catalogue motors without faults.
+///
+/// # Errors
+/// The first thing wrong, with its line.
+pub fn parse(file: &str, text: &str) -> Result<Scenario, ScenarioError> {
+    let source = Source { file, text };
+    if text.len() > MAX_BYTES {
+        let problem = ScenarioProblem::TooLong {
+            bytes: text.len(),
+            limit: MAX_BYTES,
+        };
+        return Err(source.error(0, problem));
+    }
+    let table = DeTable::parse(text).map_err(|error| {
+        let at = error.span().map_or(0, |span| span.start);
+        source.error(at, ScenarioProblem::Syntax(error))
+    })?;
+    let mut top = Table::new(source, table.get_ref(), "the file".to_owned(), 0);
+    if let Some(format) = top.whole("format", FORMAT)?
+        && format != FORMAT
+    {
+        let problem = ScenarioProblem::OutOfRange {
+            key: "format".to_owned(),
+            value: format as f64,
+            min: 1.0,
+            max: 1.0,
+        };
+        return Err(source.error(0, problem));
+    }
+    let name = top
+        .text("name")?
+        .map_or_else(String::new, |(name, _)| name.to_owned());
+    let seed = top.whole("seed", u64::MAX)?.unwrap_or(1);
+    let mut world = motors(&mut top, seed)?;
+    bus(&mut top, &mut world)?;
+    stand(&mut top, &mut world)?;
+    drivers(&mut top, &mut world)?;
+    if let Some(table) = top.table("effect")? {
+        effect_tables(&table, &mut world)?;
+    }
+    for table in top.tables("fault")? {
+        let fault = fault(table, world.joints.len())?;
+        world.faults.push(fault);
+    }
+    top.finish()?;
+    for setup in &world.joints {
+        setup
+            .joint
+            .validate()
+            .map_err(|error| source.error(0, error.into()))?;
+    }
+    Ok(Scenario { name, world })
+}
+
+fn motors(top: &mut Table<'_>, seed: u64) -> Result<WorldParams, ScenarioError> {
+    let robot = top.word(
+        "robot",
+        &[("metamodule", Robot::Metamodule), ("bench", Robot::Bench)],
+    )?;
+    let make: fn(JointKind) -> JointParams = top
+        .word("motor", &[("catalogue", false), ("neutral", true)])?
+        .map_or(JointKind::catalogue_joint as _, |neutral| {
+            if neutral {
+                JointKind::neutral as _
+            } else {
+                JointKind::catalogue_joint as _
+            }
+        });
+    let kind = top.word(
+        "kind",
+        &[("intra", JointKind::Intra), ("inter", JointKind::Inter)],
+    )?;
+    let mut world = match robot.unwrap_or(Robot::Metamodule) {
+        Robot::Metamodule => WorldParams::metamodule(seed, make),
+        Robot::Bench => WorldParams::bench(seed, make(kind.unwrap_or(JointKind::Intra))),
+    };
+    if let Some(step_us) = top.number("step_us", 1.0, 1_000.0)? {
+        world.step_ns = (step_us * 1e3) as u64;
+    }
+    Ok(world)
+}
+
+fn bus(top: &mut Table<'_>, world: &mut WorldParams) -> Result<(), ScenarioError> {
+    let Some(mut table) = top.table("bus")? else {
+        return Ok(());
+    };
+    if let Some(baud) = table.whole("baud", 10_000_000)? {
+        world.bus.baud = (baud as u32).max(1_200);
+    }
+    if let Some(echo) = table.flag("echo")? {
+        world.bus.echo = echo;
+    }
+    if let Some(delay_us) = table.number("return_delay_us", 0.0, 508.0)? {
+        for setup in &mut world.joints {
+            setup.driver.return_delay_ns = (delay_us * 1e3) as u64;
+        }
+    }
+    table.finish()
+}
+
+fn stand(top: &mut Table<'_>, world: &mut WorldParams) -> Result<(), ScenarioError> {
+    let Some(mut table) = top.table("stand")? else {
+        return Ok(());
+    };
+    let inertia = table.number("inertia_kg_m2", 1e-6, 10.0)?;
+    let gravity = table.number("gravity_nm", 0.0, 100.0)?;
+    let hang = table.number("hang_deg", -360.0, 360.0)?;
+    for setup in &mut world.joints {
+        let load = &mut setup.load;
+        load.inertia_kg_m2 = inertia.unwrap_or(load.inertia_kg_m2);
+        load.gravity_nm = gravity.unwrap_or(load.gravity_nm);
+        load.hang_rad = hang.map_or(load.hang_rad, f64::to_radians);
+    }
+    table.finish()
+}
+
+fn drivers(top: &mut Table<'_>, world: &mut WorldParams) -> Result<(), ScenarioError> {
+    if let Some(mut table) = top.table("control")? {
+        let kp = table.number("kp_1_s", 0.0, 1_000.0)?;
+        let kv = table.number("kv_s_rad", 0.0, 100.0)?;
+        let ki = table.number("ki_1_rad_s", 0.0, 10_000.0)?;
+        let duty = table.number("duty_limit", 0.0, 1.0)?;
+        for setup in &mut world.joints {
+            let control = &mut setup.driver.control;
+            control.kp_1_s = kp.unwrap_or(control.kp_1_s);
+            control.kv_s_rad = kv.unwrap_or(control.kv_s_rad);
+            control.ki_1_rad_s = ki.unwrap_or(control.ki_1_rad_s);
+            control.duty_limit = duty.unwrap_or(control.duty_limit);
+        }
+        table.finish()?;
+    }
+    if let Some(mut table) = top.table("guard")? {
+        let overheat = table.number("overheat_c", 0.0, 100.0)?;
+        let undervolt = table.number("undervolt_v", 3.1, 16.0)?;
+        let overvolt = table.number("overvolt_v", 3.1, 16.8)?;
+        let brownout = table.number("brownout_v", 0.0, 16.0)?;
+        let overload = table.number("overload_s", 0.01, 1e9)?;
+        for setup in &mut world.joints {
+            let guard = &mut setup.driver.guard;
+            guard.overheat_c = overheat.unwrap_or(guard.overheat_c);
+            guard.undervolt_v = undervolt.unwrap_or(guard.undervolt_v);
+            guard.overvolt_v = overvolt.unwrap_or(guard.overvolt_v);
+            guard.brownout_v = brownout.unwrap_or(guard.brownout_v);
+            guard.overload_s = overload.unwrap_or(guard.overload_s);
+        }
+        table.finish()?;
+    }
+    Ok(())
+}
+
+/// `[effect.NAME]` for all joints, then `[effect.NAME.joint_K]` for one.
+fn effect_tables(all: &Table<'_>, world: &mut WorldParams) -> Result<(), ScenarioError> {
+    for (name, _, value) in all.entries() {
+        let table = all.inner(name, value)?;
+        let (joints, plain): (Vec<_>, Vec<_>) = table
+            .entries()
+            .into_iter()
+            .partition(|(key, _, _)| key.starts_with("joint_"));
+        for (key, start, value) in plain {
+            let number = table.as_number(key, value)?;
+            effects::set(world, name, None, key, number)
+                .map_err(|error| table.error(start, error.into()))?;
+        }
+        for (key, start, value) in joints {
+            let Ok(joint) = key.trim_start_matches("joint_").parse() else {
+                let problem = ScenarioProblem::WrongType {
+                    key: key.to_owned(),
+                    expected: "joint_0 to joint_5",
+                };
+                return Err(table.error(start, problem));
+            };
+            let inner = table.inner(key, value)?;
+            for (key, start, value) in inner.entries() {
+                let number = inner.as_number(key, value)?;
+                effects::set(world, name, Some(joint), key, number)
+                    .map_err(|error| inner.error(start, error.into()))?;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Kinds without a parameter of their own.
+const PLAIN_FAULTS: [(&str, FaultKind); 13] = [
+    ("byte_loss", FaultKind::ByteLoss),
+    ("corruption", FaultKind::Corruption),
+    ("request_loss", FaultKind::RequestLoss),
+    ("reply_loss", FaultKind::ReplyLoss),
+    ("reply_delay", FaultKind::ReplyDelay { delay_s: 0.0 }),
+    ("missing", FaultKind::Missing),
+    ("babble", FaultKind::Babble),
+    ("stuck_encoder", FaultKind::StuckEncoder),
+    ("encoder_jump", FaultKind::EncoderJump { jump_rad: 0.0 }),
+    ("stall", FaultKind::Stall),
+    ("brown_out", FaultKind::BrownOut { ratio: 1.0 }),
+    ("reset", FaultKind::Reset),
+    ("duplicate_id", FaultKind::DuplicateId { id: 0 }),
+];
+
+fn fault(mut table: Table<'_>, joints: usize) -> Result<Fault, ScenarioError> {
+    let kind = table
+        .word("kind", &PLAIN_FAULTS)?
+        .ok_or_else(|| table.missing("kind"))?;
+    let kind = match kind {
+        FaultKind::ReplyDelay { .. } => FaultKind::ReplyDelay {
+            delay_s: needed(&mut table, "delay_s", 0.0, 10.0)?,
+        },
+        FaultKind::EncoderJump { .. } => FaultKind::EncoderJump {
+            jump_rad: needed(&mut table, "jump_rad", -100.0, 100.0)?,
+        },
+        FaultKind::BrownOut { .. } => FaultKind::BrownOut {
+            ratio: needed(&mut table, "ratio", 0.0, 2.0)?,
+        },
+        FaultKind::DuplicateId { .. } => FaultKind::DuplicateId {
+            id: needed(&mut table, "id", 0.0, 252.0)? as u8,
+        },
+        plain => plain,
+    };
+    let mut fault = Fault::always(kind);
+    fault.joint = table
+        .whole("joint", joints.saturating_sub(1) as u64)?
+        .map(|joint| joint as usize);
+    fault.from_s = table.number("from_s", 0.0, 1e9)?.unwrap_or(0.0);
+    fault.to_s = table.number("to_s", 0.0, 1e9)?.unwrap_or(f64::INFINITY);
+    fault.probability = table.number("probability", 0.0, 1.0)?.unwrap_or(1.0);
+    if fault.to_s <= fault.from_s {
+        return Err(table.error(table.start(), ScenarioProblem::EmptyWindow));
+    }
+    table.finish()?;
+    Ok(fault)
+}
+
+fn needed(
+    table: &mut Table<'_>,
+    key: &'static str,
+    min: f64,
+    max: f64,
+) -> Result<f64, ScenarioError> {
+    table
+        .number(key, min, max)?
+        .ok_or_else(|| table.missing(key))
+}
