@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-2.0-or-later
 //! Register models of what QEMU 10.0 leaves out of the STM32L475: PWR, FLASH with its last pages, IWDG, ADC1, RNG.
 //!
 //! As little as the HAL needs, pure: time is an argument. Sources: RM0351 sections 3.7, 5.4, 18.6, 27.4, 36.4.

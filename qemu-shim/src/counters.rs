@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-2.0-or-later
 //! Instruction counters between two addresses of the image.
 
 use std::ffi::{c_int, c_uint, c_void};

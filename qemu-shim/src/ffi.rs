@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-2.0-or-later
 //! Declarations of what QEMU 10.0 exports: the plugin API version 4 (`qemu/qemu-plugin.h`) and a few internal functions
 //! that its binary exports as well. Written by hand from the headers; no bindings generator at build time.
 

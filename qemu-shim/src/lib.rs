@@ -38,11 +38,10 @@ pub unsafe extern "C" fn qemu_plugin_install(
     argv: *const *const c_char,
 ) -> c_int {
     let count = usize::try_from(argc).unwrap_or(0);
-    // SAFETY: the caller passes `argc` strings that live during this call.
     let arguments = (0..count).map(|index| {
-        unsafe { CStr::from_ptr(*argv.add(index)) }
-            .to_str()
-            .unwrap_or("?")
+        // SAFETY: the caller passes `argc` strings that live during this call.
+        let text = unsafe { CStr::from_ptr(*argv.add(index)) };
+        text.to_str().unwrap_or("?")
     });
     let options = match options::parse(arguments) {
         Ok(options) => options,

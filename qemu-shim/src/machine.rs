@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-2.0-or-later
 //! What the plugin adds to QEMU's `b-l475e-iot01a`: three USARTs with byte times, the blocks of
 //! [`crate::blocks`], the level of the STOP input, and the lock-step with the host side.
 //!
@@ -434,6 +435,18 @@ impl Machine {
             }));
         }
         self.next_sync_ns = order.next_sync_ns;
+        for mut poke in order.pokes {
+            // SAFETY: the buffer has the length given; QEMU ignores addresses that are no RAM.
+            unsafe {
+                let length = poke.bytes.len() as u64;
+                ffi::cpu_physical_memory_rw(
+                    u64::from(poke.address),
+                    poke.bytes.as_mut_ptr().cast(),
+                    length,
+                    true,
+                );
+            }
+        }
         self.adc.set_sample(order.battery_sample);
         order
             .damage

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-2.0-or-later
 //! The options after `-plugin FILE,`: `key=value` strings.
 
 use std::path::PathBuf;

@@ -1,3 +1,4 @@
+// SPDX-License-Identifier: GPL-2.0-or-later
 //! Register model of an STM32L4 USART (RM0351 section 40), as much of it as the HAL touches, with byte times.
 //!
 //! Pure: time comes in as nanoseconds, bytes come from a queue and go to a list. QEMU's own model has no byte times, no

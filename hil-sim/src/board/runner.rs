@@ -13,7 +13,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 use super::elf::Region;
-use super::wire::{Cause, Order, Port, RegionCount, Report, TimedByte, WIRE_VERSION};
+use super::wire::{Cause, Order, Poke, Port, RegionCount, Report, TimedByte, WIRE_VERSION};
 
 /// Guest time of one instruction as QEMU's `-icount shift`: 16 ns, that is 62.5 MIPS or 1.28 cycles each at 80 MHz.
 const ICOUNT_SHIFT: u32 = 4;
@@ -177,6 +177,7 @@ struct Inputs {
     battery_sample: u16,
     reset: bool,
     damage: Vec<u32>,
+    pokes: Vec<Poke>,
 }
 
 fn link_index(port: Port) -> Option<usize> {
@@ -263,6 +264,7 @@ impl<B: BusPeer> BoardRunner<B> {
             battery_sample: BATTERY_FULL_SAMPLE,
             reset: false,
             damage: Vec::new(),
+            pokes: Vec::new(),
         };
         Ok(BoardRunner {
             child,
@@ -359,6 +361,14 @@ impl<B: BusPeer> BoardRunner<B> {
         self.inputs.damage.push(byte);
     }
 
+    /// Writes into the guest's RAM before time moves next.
+    pub fn poke(&mut self, address: u32, bytes: &[u8]) {
+        self.inputs.pokes.push(Poke {
+            address,
+            bytes: bytes.to_vec(),
+        });
+    }
+
     /// Runs until `until_ns` of guest time.
     ///
     /// # Errors
@@ -446,6 +456,7 @@ impl<B: BusPeer> BoardRunner<B> {
             reset: std::mem::take(&mut self.inputs.reset),
             battery_sample: self.inputs.battery_sample,
             damage: std::mem::take(&mut self.inputs.damage),
+            pokes: std::mem::take(&mut self.inputs.pokes),
             next_sync_ns: until_ns.min(now + HORIZON_NS),
             bytes,
         }

@@ -106,6 +106,15 @@ pub struct Report {
     pub stack_untouched: u64,
 }
 
+/// Bytes to write into the guest's RAM: a seeded bit flip, a left-over of the boot before.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Poke {
+    /// First address.
+    pub address: u32,
+    /// New content.
+    pub bytes: Vec<u8>,
+}
+
 /// Host to plugin.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Order {
@@ -119,6 +128,8 @@ pub struct Order {
     pub battery_sample: u16,
     /// Words of the slot store to make unreadable, by their first byte.
     pub damage: Vec<u32>,
+    /// What to write into the guest's RAM before it runs on.
+    pub pokes: Vec<Poke>,
     /// Report at this guest time at the latest, nanoseconds.
     pub next_sync_ns: u64,
     /// Every byte on its way to the guest, in order of time per port.
@@ -162,6 +173,13 @@ fn read_u64(from: &mut impl Read) -> io::Result<u64> {
 
 fn read_small<T: TryFrom<u64>>(from: &mut impl Read) -> io::Result<T> {
     T::try_from(read_u64(from)?).map_err(|_| bad("number out of range"))
+}
+
+fn read_poke(from: &mut impl Read) -> io::Result<Poke> {
+    let address = read_small(from)?;
+    let mut bytes = vec![0; read_count(from, MAX_BYTES)? as usize];
+    from.read_exact(&mut bytes)?;
+    Ok(Poke { address, bytes })
 }
 
 fn read_count(from: &mut impl Read, limit: u32) -> io::Result<u64> {
@@ -300,6 +318,12 @@ impl Order {
         self.damage
             .iter()
             .for_each(|&byte| out.u64(u64::from(byte)));
+        out.u64(self.pokes.len() as u64);
+        for poke in &self.pokes {
+            out.u64(u64::from(poke.address));
+            out.u64(poke.bytes.len() as u64);
+            poke.bytes.iter().for_each(|&byte| out.u8(byte));
+        }
         out.u64(self.next_sync_ns);
         out.bytes(&self.bytes);
         to.write_all(&out.0)?;
@@ -318,6 +342,9 @@ impl Order {
             battery_sample: read_small(from)?,
             damage: (0..read_count(from, MAX_BYTES)?)
                 .map(|_| read_small(from))
+                .collect::<io::Result<_>>()?,
+            pokes: (0..read_count(from, MAX_BYTES)?)
+                .map(|_| read_poke(from))
                 .collect::<io::Result<_>>()?,
             next_sync_ns: read_u64(from)?,
             bytes: read_bytes(from)?,
