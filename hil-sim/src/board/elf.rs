@@ -189,6 +189,46 @@ impl<'a> Elf<'a> {
         Ok(())
     }
 
+    fn stored_at(&self, address: u32, length: u32) -> Option<&[u8]> {
+        let holds = |s: &&Section| {
+            s.stored && address >= s.address && address + length <= s.address + s.size
+        };
+        let section = self.sections.iter().find(holds)?;
+        let start = (section.offset + (address - section.address)) as usize;
+        self.bytes.get(start..start + length as usize)
+    }
+
+    /// Half-word of the image at a run-time address.
+    #[must_use]
+    pub fn half_at(&self, address: u32) -> Option<u16> {
+        self.stored_at(address, 2)?
+            .try_into()
+            .ok()
+            .map(u16::from_le_bytes)
+    }
+
+    /// Word of the image at a run-time address.
+    #[must_use]
+    pub fn word_at(&self, address: u32) -> Option<u32> {
+        self.stored_at(address, 4)?
+            .try_into()
+            .ok()
+            .map(u32::from_le_bytes)
+    }
+
+    /// Every aligned word of the image that has the mode bit of a Thumb address set, without that bit: whatever
+    /// function's address is taken is among them.
+    pub fn addresses_in_data(&self) -> impl Iterator<Item = u32> {
+        self.sections.iter().filter(|s| s.stored).flat_map(|s| {
+            let start = s.address.next_multiple_of(4);
+            (start..s.address + s.size)
+                .step_by(4)
+                .filter_map(|at| self.word_at(at))
+                .filter(|w| w & 1 == 1)
+                .map(|w| w & !1)
+        })
+    }
+
     /// Value of the symbol with exactly this name.
     #[must_use]
     pub fn address_of(&self, name: &str) -> Option<u32> {
@@ -269,9 +309,12 @@ impl<'a> Elf<'a> {
 
 /// Target of a 32-bit Thumb `BL` at `place` (ARMv7-M A7.7.18, encoding T1).
 fn branch_link_target(first: u16, second: u16, place: u32) -> Option<u32> {
-    if first & 0xf800 != 0xf000 || second & 0xd000 != 0xd000 {
-        return None;
-    }
+    (first & 0xf800 == 0xf000 && second & 0xd000 == 0xd000)
+        .then(|| branch_target(first, second, place))
+}
+
+/// Target of a 32-bit `B` (encoding T4) or `BL`.
+pub(super) fn branch_target(first: u16, second: u16, place: u32) -> u32 {
     let bit = |value: u16, index: u32| u32::from(value >> index) & 1;
     let sign = bit(first, 10);
     let i1 = 1 ^ bit(second, 13) ^ sign;
@@ -286,7 +329,7 @@ fn branch_link_target(first: u16, second: u16, place: u32) -> Option<u32> {
     } else {
         offset
     };
-    Some(place.wrapping_add(4).wrapping_add(extended))
+    place.wrapping_add(4).wrapping_add(extended)
 }
 
 #[cfg(test)]

@@ -3,11 +3,13 @@
 //! - [`runner`]: starts QEMU, exchanges bytes and time with the plugin
 //! - [`wire`]: the messages between the two
 //! - [`elf`]: symbols and sizes of the image
+//! - [`stack`]: bound of the stack from the image alone
 //! - [`tools`]: finds QEMU, builds image and plugin for tests
 //!
 //! Everything needs a Unix socket; elsewhere the module is absent.
 
 pub mod elf;
 pub mod runner;
+pub mod stack;
 pub mod tools;
 pub mod wire;
