@@ -20,12 +20,13 @@ use crate::wire::{Cause, Order, Port, Report, TimedByte, WIRE_VERSION};
 /// Base address and interrupt number of each port (RM0351 tables 2 and 58): USART2, USART1, UART4.
 const USARTS: [(u64, c_int); 3] = [(0x4000_4400, 38), (0x4001_3800, 37), (0x4000_4c00, 52)];
 /// The other register blocks, in the order of [`Block`]; the last one is the pages of the slot store.
-const BLOCKS: [(u64, u64); 6] = [
+const BLOCKS: [(u64, u64); 7] = [
     (0x4000_7000, 0x400),
     (0x4002_2000, 0x400),
     (0x4000_3000, 0x400),
     (0x5004_0000, 0x400),
     (0x5006_0800, 0x400),
+    (0x1fff_7400, 0x400),
     (STORE_ADDRESS, STORE_BYTES as u64),
 ];
 /// Index of the motor bus in [`USARTS`].
@@ -51,6 +52,7 @@ enum Block {
     Watchdog,
     Adc,
     Rng,
+    Identity,
     Store,
 }
 
@@ -62,6 +64,7 @@ impl Block {
             Block::Watchdog,
             Block::Adc,
             Block::Rng,
+            Block::Identity,
             Block::Store,
         ];
         match index.checked_sub(USARTS.len()) {
@@ -81,6 +84,7 @@ struct Machine {
     watchdog: Watchdog,
     adc: Adc,
     rng: Rng,
+    identity: RegisterFile,
     interrupts: [*mut c_void; 3],
     levels: [bool; 3],
     stop_line: *mut c_void,
@@ -124,6 +128,7 @@ pub(crate) fn install(options: Options) -> std::io::Result<()> {
         watchdog: Watchdog::new(),
         adc: Adc::new(0),
         rng: Rng::new(seed),
+        identity: identity(seed),
         interrupts: [std::ptr::null_mut(); 3],
         levels: [false; 3],
         stop_line: std::ptr::null_mut(),
@@ -315,6 +320,7 @@ impl Machine {
             Block::Watchdog => self.watchdog.read(offset),
             Block::Adc => self.adc.read(offset),
             Block::Rng => self.rng.read(offset),
+            Block::Identity => self.identity.read(offset),
             Block::Store => {
                 let (value, unreadable) = self.flash.load(offset, width);
                 if unreadable {
@@ -340,6 +346,7 @@ impl Machine {
             }
             Block::Adc => self.adc.write(offset, value),
             Block::Rng => self.rng.write(offset, value),
+            Block::Identity => {}
             Block::Store => self.flash.store(offset, value, width),
         }
     }
@@ -458,6 +465,12 @@ impl Machine {
             request_reset();
         }
     }
+}
+
+/// The chip's unique id (RM0351 section 49.1, 0x1fff7590): the seed and a name.
+fn identity(seed: u64) -> RegisterFile {
+    let name = u32::from_le_bytes(*b"QEMU");
+    RegisterFile::new(&[(0x190, seed as u32), (0x194, (seed >> 32) as u32), (0x198, name)])
 }
 
 /// Honoured by QEMU's main loop after the current instruction.
