@@ -52,20 +52,25 @@ pub struct MotionSettings {
     pub approach_ratio: f32,
 }
 
+impl MotionSettings {
+    /// The default; a constant, so that a static can hold it.
+    pub const NOMINAL: MotionSettings = MotionSettings {
+        lookahead_cycles: 20,
+        planned: Margins {
+            keep_m: precheck::MARGIN_M,
+            escape_m: 1e-3,
+        },
+        measured: Margins {
+            keep_m: 1e-3,
+            escape_m: 2e-4,
+        },
+        approach_ratio: 0.5,
+    };
+}
+
 impl Default for MotionSettings {
     fn default() -> Self {
-        MotionSettings {
-            lookahead_cycles: 20,
-            planned: Margins {
-                keep_m: precheck::MARGIN_M,
-                escape_m: 1e-3,
-            },
-            measured: Margins {
-                keep_m: 1e-3,
-                escape_m: 2e-4,
-            },
-            approach_ratio: 0.5,
-        }
+        MotionSettings::NOMINAL
     }
 }
 
@@ -89,6 +94,12 @@ pub struct MotionParams {
 }
 
 impl MotionParams {
+    /// [`RobotModel::STRAIGHT`] with the default settings.
+    pub const STRAIGHT: MotionParams = MotionParams {
+        model: RobotModel::STRAIGHT,
+        settings: MotionSettings::NOMINAL,
+    };
+
     /// Validates the settings.
     ///
     /// # Errors

@@ -79,14 +79,23 @@ pub struct RobotParams {
     pub joints: [JointLimits; JOINTS],
 }
 
+impl RobotParams {
+    /// The default; a constant, so that a static can hold it.
+    pub const NOMINAL: RobotParams = RobotParams {
+        twist_rad: TWIST_RAD,
+        cube_m: CUBE_M,
+        ball_radius_m: BALL_RADIUS_M,
+        joints: {
+            let intra = JointLimits::of(JointKind::IntraCube);
+            let inter = JointLimits::of(JointKind::InterCube);
+            [intra, inter, intra, intra, inter, intra]
+        },
+    };
+}
+
 impl Default for RobotParams {
     fn default() -> Self {
-        RobotParams {
-            twist_rad: TWIST_RAD,
-            cube_m: CUBE_M,
-            ball_radius_m: BALL_RADIUS_M,
-            joints: JOINT_KINDS.map(JointLimits::of),
-        }
+        RobotParams::NOMINAL
     }
 }
 
@@ -163,6 +172,19 @@ impl Default for RobotModel {
 }
 
 impl RobotModel {
+    /// The nominal robot but for its twist of 0. A constant, so that a static can hold it until the real model is set.
+    pub const STRAIGHT: RobotModel = RobotModel {
+        params: RobotParams {
+            twist_rad: 0.0,
+            ..RobotParams::NOMINAL
+        },
+        twist: Rot3::IDENTITY,
+        axes: {
+            let (d, x) = (Self::DIAGONAL, Rot3::IDENTITY.x);
+            [d, x, d, d, x, d]
+        },
+    };
+
     /// Body diagonal (1,1,1)/sqrt 3: axis of the intra-cube joints of an untwisted module at home.
     pub const DIAGONAL: Vec3 = Vec3::new(0.577_350_26, 0.577_350_26, 0.577_350_26);
 

@@ -14,18 +14,23 @@ pub struct SupervisorParams {
     pub hold_us: u64,
 }
 
+impl SupervisorParams {
+    /// The default; a constant, so that a static can hold it.
+    pub const NOMINAL: SupervisorParams = SupervisorParams {
+        // One battery charge (paper, Table I: about 1 h).
+        lease_max_us: 3_600_000_000,
+        // A full turn of the slowest joint at half its no-load speed takes 6.2 s; three joints one after the other and reserve.
+        arm_max_us: 30_000_000,
+        // Rate a = 2 takes 1 rad below 1 mrad in 3.5 s.
+        ramp_max_us: 4_000_000,
+        // Long enough for the body to come to rest, short enough not to heat a stalled motor.
+        hold_us: 1_000_000,
+    };
+}
+
 impl Default for SupervisorParams {
     fn default() -> Self {
-        SupervisorParams {
-            // One battery charge (paper, Table I: about 1 h).
-            lease_max_us: 3_600_000_000,
-            // A full turn of the slowest joint at half its no-load speed takes 6.2 s; three joints one after the other and reserve.
-            arm_max_us: 30_000_000,
-            // Rate a = 2 takes 1 rad below 1 mrad in 3.5 s.
-            ramp_max_us: 4_000_000,
-            // Long enough for the body to come to rest, short enough not to heat a stalled motor.
-            hold_us: 1_000_000,
-        }
+        SupervisorParams::NOMINAL
     }
 }
 

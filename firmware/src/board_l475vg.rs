@@ -8,6 +8,7 @@
 //! | STOP input, contact to ground, normally closed | GPIO with pull-up | PD14 |
 //! | battery through a divider | ADC1 channel 14 | PC5 |
 
+use control::motion::MotionParams;
 use embassy_executor::Spawner;
 use embassy_stm32::adc::{Adc, SampleTime};
 use embassy_stm32::gpio::{Input, Pull};
@@ -19,10 +20,13 @@ use embassy_stm32::rng::Rng;
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, Config as UartConfig};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, Peripherals, bind_interrupts, pac, peripherals, rng, uid};
+use firmware::app::App;
 use firmware::crash::BLOCK_BYTES;
 use firmware::ports::{Board, LinkKind, LinkPort, ResetCause};
-use static_cell::StaticCell;
+use firmware::tasks;
+use static_cell::{ConstStaticCell, StaticCell};
 
+use crate::board_clock::SysTickClock;
 use crate::board_store::FlashStore;
 use crate::board_uart::{UartBus, UartLinkRx, UartLinkTx};
 use crate::{board_clock, board_fault, board_log};
@@ -261,26 +265,27 @@ pub(crate) fn start(spawner: Spawner) {
 }
 
 #[embassy_executor::task]
-async fn application(mut fitted: Fitted) {
-    use firmware::ports::{BusPort, Clock, LinkRx, LinkTx};
-    let clock = board_clock::SysTickClock;
-    let mut at = clock.now_us() + 50_000;
-    defmt::info!(
-        "battery {} entropy {}",
-        fitted.board.battery_mv(),
-        fitted.board.entropy()
-    );
-    for _ in 0..100 {
-        clock.sleep_until_us(at).await;
-        fitted.board.pet_watchdog();
-        at += 50_000;
-        let _ = fitted.bus.write_all(b"hello motors").await;
-        let mut b = [0; 64];
-        let got = fitted.bus.read(&mut b).await.unwrap_or(0);
-        defmt::info!("got {} at {}", &b[..got], clock.now_us());
-        let _ = fitted.wire.tx.write(&b[..got]).await;
-        let _ = fitted.wire.rx.read(&mut b);
-        let _ = &fitted.radio;
-        let _ = &fitted.store;
-    }
+async fn application(fitted: Fitted) {
+    // Built at compile time: 50 KiB would not fit on the stack.
+    static APP: ConstStaticCell<App> = ConstStaticCell::new(App::blank());
+    let app = APP.take();
+    app.fit(MotionParams::default());
+    let Fitted {
+        mut bus,
+        wire,
+        radio,
+        mut store,
+        mut board,
+    } = fitted;
+    // Returns after the reset order only, and that has reset the chip.
+    tasks::run(
+        app,
+        &SysTickClock,
+        &mut bus,
+        &mut store,
+        &mut board,
+        wire,
+        radio,
+    )
+    .await;
 }

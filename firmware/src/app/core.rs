@@ -106,6 +106,20 @@ pub(crate) struct Counts {
     pub samples_dropped: u32,
 }
 
+impl Counts {
+    const fn new() -> Self {
+        Self {
+            bad_tags: 0,
+            bus_timeouts: 0,
+            bus_bad_crc: 0,
+            bus_stray: 0,
+            holds: 0,
+            cycles: 0,
+            samples_dropped: 0,
+        }
+    }
+}
+
 /// One host link's session.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Session {
@@ -181,19 +195,20 @@ pub struct Core {
 }
 
 impl Core {
-    pub(crate) fn new(motion: MotionParams) -> Self {
+    /// Constant, because it is too large for the stack: a board keeps it in a static. [`Core::fit`] sets the robot.
+    pub(crate) const fn blank() -> Self {
         Self {
-            model_digest: model_digest(motion.model()),
-            motion,
-            params: SupervisorParams::default(),
+            model_digest: Digest([0; 8]),
+            motion: MotionParams::STRAIGHT,
+            params: SupervisorParams::NOMINAL,
             supervisor: Supervisor::new(),
             motors: Motors::new(),
             events: EventLog::new(),
             telemetry: SampleLog::new(),
             recording: false,
-            live: Sample::default(),
+            live: Sample::ZERO,
             timing: Timing::new(),
-            out: Outgoing::default(),
+            out: Outgoing::new(),
             run: None,
             run_link: 0,
             run_end: None,
@@ -201,14 +216,20 @@ impl Core {
             sessions: [const { Session::new() }; crate::tasks::LINKS],
             slots: Slots::new(),
             gaits: [const { None }; GAIT_SLOTS],
-            settings: Settings::default(),
+            settings: Settings {
+                key: None,
+                active: None,
+            },
             job: None,
             bus_job: None,
             crash: None,
             fault: None,
-            inputs: BoardInputs::default(),
+            inputs: BoardInputs {
+                battery_mv: None,
+                stop_pressed: false,
+            },
             low_readings: 0,
-            counts: Counts::default(),
+            counts: Counts::new(),
             cause: ResetCause::PowerOn,
             robot_id: 1,
             boot_id: 1,
@@ -217,6 +238,12 @@ impl Core {
             reboot_at_us: None,
             now_us: 0,
         }
+    }
+
+    /// Sets robot and motion settings; before the boot.
+    pub(crate) fn fit(&mut self, motion: MotionParams) {
+        self.model_digest = model_digest(motion.model());
+        self.motion = motion;
     }
 
     /// State as the link names it.

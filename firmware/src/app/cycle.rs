@@ -22,6 +22,16 @@ pub(crate) struct Outgoing {
     pub stop_input: bool,
 }
 
+impl Outgoing {
+    pub(crate) const fn new() -> Self {
+        Self {
+            goals: Values::new(),
+            flags: 0,
+            stop_input: false,
+        }
+    }
+}
+
 impl Core {
     /// Takes what the board reads. `due_us` is the instant on the grid: times of runs count on it.
     pub(crate) fn begin_cycle(&mut self, due_us: u64, inputs: BoardInputs) -> Slot {

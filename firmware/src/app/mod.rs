@@ -57,11 +57,24 @@ pub struct App {
 }
 
 impl App {
-    /// State before the first boot step. Large: put it where it stays.
+    /// State before the first boot step, for the given robot. Large: on a board see [`App::blank`].
     #[must_use]
     pub fn new(motion: MotionParams) -> Self {
+        let mut app = Self::blank();
+        app.fit(motion);
+        app
+    }
+
+    /// Sets robot and motion settings; before [`App::boot`].
+    pub fn fit(&mut self, motion: MotionParams) {
+        self.core.fit(motion);
+    }
+
+    /// State without its robot: a constant that a board puts into a static, because it would not fit on the stack. [`App::fit`] comes next.
+    #[must_use]
+    pub const fn blank() -> Self {
         Self {
-            core: Core::new(motion),
+            core: Core::blank(),
             master: Master::new(),
             servers: [const { Server::new(Port::Radio, 1, 1) }; LINKS],
             outboxes: [const { Outbox::new() }; LINKS],

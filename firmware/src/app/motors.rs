@@ -80,6 +80,22 @@ pub struct Motor {
 }
 
 impl Motor {
+    const fn new() -> Self {
+        Self {
+            last: None,
+            last_us: 0,
+            zero_urad: 0,
+            sent: heapless::Deque::new(),
+            misses: 0,
+            lost: false,
+            hardware_error: false,
+            wrong_echoes: 0,
+            stalled: 0,
+            answered: false,
+            configure: false,
+        }
+    }
+
     /// Takes a reading. `now_us` is the time it was complete.
     pub fn absorb(
         &mut self,
@@ -332,8 +348,10 @@ pub struct Motors {
 impl Motors {
     /// None seen.
     #[must_use]
-    pub fn new() -> Self {
-        Self::default()
+    pub const fn new() -> Self {
+        Self {
+            motors: [const { Motor::new() }; JOINTS],
+        }
     }
 
     /// The driver of a joint.
