@@ -1,4 +1,5 @@
 //! System tests: one binary, one module per promise.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod foreign_clients;
 mod tidy;

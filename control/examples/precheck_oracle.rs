@@ -2,9 +2,9 @@
 //!
 //! `cargo run -p control --release --example precheck_oracle -- [poses] [moves] [seed]`
 
-#[path = "../tests/oracle/mod.rs"]
+#[path = "../tests/control/oracle.rs"]
 mod oracle;
-#[path = "../tests/oracle/study.rs"]
+#[path = "../tests/control/study.rs"]
 mod study;
 
 fn main() {

@@ -66,7 +66,7 @@ pub fn sin_cos(x: f32) -> (f32, f32) {
     }
 }
 
-/// Sine of x in radians; odd to the bit. See [`sin_cos`] for the error.
+/// Sine of x in radians; odd to the bit (but for the sign of zero). See [`sin_cos`] for the error.
 #[must_use]
 pub fn sin(x: f32) -> f32 {
     let (r, quadrant) = reduce(x);

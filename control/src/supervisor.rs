@@ -8,7 +8,7 @@
 //!                           └──── (any state) ─────┘ └── hold over ─────── Stopping { Ramp ─settled or timeout─▶ Hold } ◀┘
 //!                                                  │                            │ hold over, stopped by a fault
 //!   any state ── fault ──▶ Fault ── ClearFault ────┤ ◀──────────────────────────┘ (to Fault)
-//!   any state ── STOP input ──▶ EStop ── released, ClearFault ──▶ Unhomed or Idle
+//!   any state ── STOP input ──▶ EStop ── released, ClearFault ──▶ Unhomed or Idle (Boot before the self-test)
 //! ```
 //!
 //! Invariants (tested over every state and event and over random sequences):
@@ -36,6 +36,7 @@ pub const ALL_JOINTS: u8 = (1 << JOINTS) - 1;
 pub struct Supervisor {
     state: State,
     homed_mask: u8,
+    booted: bool,
     stop_input: bool,
 }
 
@@ -52,6 +53,7 @@ impl Supervisor {
         Supervisor {
             state: State::Boot,
             homed_mask: 0,
+            booted: false,
             stop_input: false,
         }
     }
@@ -125,8 +127,11 @@ impl Supervisor {
         Ok(())
     }
 
+    /// Where a robot without torque is: the self-test has to have passed, the joints to be homed.
     fn at_rest(&self) -> State {
-        if self.homed_mask == ALL_JOINTS {
+        if !self.booted {
+            State::Boot
+        } else if self.homed_mask == ALL_JOINTS {
             State::Idle
         } else {
             State::Unhomed
@@ -134,6 +139,7 @@ impl Supervisor {
     }
 
     fn on_booted(&mut self) {
+        self.booted = true;
         if let State::Boot = self.state {
             self.state = self.at_rest();
         }
@@ -148,6 +154,12 @@ impl Supervisor {
 
     fn on_fault(&mut self, params: &SupervisorParams, now_us: u64, fault: Fault) {
         match self.state {
+            State::Fault {
+                fault: first,
+                hold_until_us: Some(_),
+            } if fault.reaction() == FaultReaction::Off => {
+                self.latch(params, now_us, first, FaultReaction::Off);
+            }
             State::EStop | State::Fault { .. } => {}
             State::Stopping {
                 reason: StopReason::Fault(first),

@@ -9,7 +9,9 @@
 //! - `board`: the firmware image in QEMU, on Unix
 //! - [`robot`]: the firmware application run natively against all of the above
 //!
-//! Everything here is deterministic: time and seeds are arguments.
+//! - [`endpoint`], [`pace`]: pseudo-terminal, TCP, serial port, and the wall clock for foreign clients
+//!
+//! Everything but the last line is deterministic: time and seeds are arguments.
 
 #![forbid(unsafe_code)]
 
@@ -19,8 +21,10 @@ pub mod body;
 pub mod bus;
 pub mod driver;
 pub mod effects;
+pub mod endpoint;
 pub mod fault;
 pub mod motor;
+pub mod pace;
 pub mod plant;
 pub mod rng;
 pub mod robot;

@@ -137,8 +137,15 @@ impl Context {
     /// # Errors
     /// Exit codes 4, 5, 6.
     pub fn connect(&self) -> Outcome<Robot> {
-        let uri = self.port()?;
-        let link = link::open(&uri, self.baud())?;
+        self.connect_to(&self.port()?)
+    }
+
+    /// Opens a given port and says HELLO.
+    ///
+    /// # Errors
+    /// Exit codes 4, 5, 6.
+    pub fn connect_to(&self, uri: &PortUri) -> Outcome<Robot> {
+        let link = link::open(uri, self.baud())?;
         let robot = Robot::connect(link, self.timeout(), &self.keys())?;
         let hello = robot.hello();
         self.out.detail(format_args!(

@@ -4,7 +4,8 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use control::gait::{Gait, RobotMismatch};
-use control::robot::RobotModel;
+use control::precheck::{MARGIN_M, Verdict, swept};
+use control::robot::{JOINTS, RobotModel};
 
 use crate::failure::{Exit, Failure, Outcome};
 
@@ -62,10 +63,85 @@ pub fn load(path: &Path) -> Outcome<Gait> {
     Ok(files::gait::parse(&path.display().to_string(), &text)?)
 }
 
-/// Speed check against the robot's joints.
+/// What the host check found out about an acceptable gait.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GaitCheck {
+    /// Moves looked at.
+    pub moves: u32,
+    /// Smallest certified clearance over the run, m.
+    pub clearance_m: f32,
+    /// Highest share of a joint's no-load speed that the gait asks for, 0 to 1.
+    pub speed_share: f32,
+    /// The joint with that share.
+    pub fastest_joint: usize,
+}
+
+/// Why the robot would not run a gait.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Unfit {
+    /// Too many joints, or too fast.
+    #[error("{0}")]
+    Robot(#[source] RobotMismatch),
+    /// It would hit itself.
+    #[error(
+        "the robot would hit itself {at_s:.2} s after the start: bodies {first} and {last} within {clearance_mm:.1} mm; lower the amplitude or offset of A.M2 and B.M0"
+    )]
+    Collision {
+        /// When, s.
+        at_s: f32,
+        /// Body of module A.
+        first: u8,
+        /// Body of module B.
+        last: u8,
+        /// Certified clearance, mm; below the margin of the pre-check.
+        clearance_mm: f32,
+    },
+}
+
+/// Runs the whole gait through the checks of the firmware: joint speeds, then every 50 ms move through the swept pre-check.
 ///
 /// # Errors
-/// [`RobotMismatch`]
-pub fn check_speed(gait: &Gait, model: &RobotModel) -> Result<(), RobotMismatch> {
-    gait.check_speed(model)
+/// [`Unfit`]
+pub fn check(gait: &Gait, model: &RobotModel) -> Result<GaitCheck, Unfit> {
+    gait.check_speed(model).map_err(Unfit::Robot)?;
+    let shares = gait
+        .oscillators()
+        .iter()
+        .zip(model.joints())
+        .map(|(oscillator, joint)| {
+            oscillator.amplitude_rad * core::f32::consts::TAU * gait.frequency_hz()
+                / joint.no_load_speed_rad_s
+        });
+    let (fastest_joint, speed_share) =
+        shares.enumerate().fold(
+            (0, 0.0),
+            |best, (k, share)| if share > best.1 { (k, share) } else { best },
+        );
+    let mut state = control::cpg::start(gait);
+    let mut at: Option<[f32; JOINTS]> = None;
+    let mut clearance_m = f32::INFINITY;
+    let moves = (gait.duration_s() / control::CYCLE_S).ceil() as u32;
+    for cycle in 0..=moves {
+        let Some(next) = control::cpg::step(gait, &mut state, control::CYCLE_S).joints() else {
+            break;
+        };
+        match swept(model, &at.unwrap_or(next), &next, MARGIN_M) {
+            Verdict::Clear { clearance_m: clear } => clearance_m = clearance_m.min(clear),
+            Verdict::Blocked(blocked) => {
+                return Err(Unfit::Collision {
+                    at_s: cycle as f32 * control::CYCLE_S,
+                    first: blocked.pair.first,
+                    last: blocked.pair.last,
+                    clearance_mm: blocked.clearance_m * 1e3,
+                });
+            }
+        }
+        at = Some(next);
+    }
+    Ok(GaitCheck {
+        moves,
+        clearance_m,
+        speed_share,
+        fastest_joint,
+    })
 }

@@ -10,6 +10,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
+pub mod bus_way;
 pub mod cli;
 pub mod cmd;
 pub mod context;
@@ -18,8 +19,11 @@ pub mod gait_file;
 pub mod interrupt;
 pub mod link;
 pub mod output;
+pub mod plot;
 pub mod recording;
+pub mod runner;
 pub mod settings;
+pub mod upload;
 
 use cli::Cli;
 use context::Context;

@@ -49,7 +49,7 @@ pub struct GuardParams {
     pub overload_s: f64,
     /// Time without an encoder edge under strong duty and little current that latches an encoder error [s].
     pub encoder_s: f64,
-    /// Farthest set-point from the present position that is believed [rad].
+    /// Farthest set-point from the present position that is believed while torque is on [rad].
     pub largest_step_rad: f64,
 }
 
@@ -418,7 +418,8 @@ impl Driver {
             return Err(GoalError::WatchdogExpired);
         }
         let step = (goal_rad - self.readings.position_rad).abs();
-        if !goal_rad.is_finite() || step > self.params.guard.largest_step_rad {
+        let far = self.torque_on && step > self.params.guard.largest_step_rad;
+        if !goal_rad.is_finite() || far {
             return Err(GoalError::Implausible);
         }
         Ok(())

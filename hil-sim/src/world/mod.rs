@@ -225,16 +225,22 @@ impl World {
         }
     }
 
+    /// When something happens on the wire next: a byte ends, a waiting driver loses patience [ns].
+    #[must_use]
+    pub fn next_wire_ns(&self) -> Option<u64> {
+        let silence = self.units.iter().filter_map(Unit::deadline_ns).min();
+        [self.bus.next_delivery_ns(), silence]
+            .into_iter()
+            .flatten()
+            .min()
+    }
+
     /// When the next byte ends or the next driver gives up waiting [ns]. With faults also the next joint step: a
     /// babbling driver may start then.
     #[must_use]
     pub fn next_event_ns(&self) -> Option<u64> {
-        let silence = self.units.iter().filter_map(Unit::deadline_ns).min();
         let step = (!self.faults.is_empty()).then_some(self.plant_ns + self.step_ns);
-        [self.bus.next_delivery_ns(), silence, step]
-            .into_iter()
-            .flatten()
-            .min()
+        [self.next_wire_ns(), step].into_iter().flatten().min()
     }
 
     /// Lets the joints come to `at_ns` and everything on the wire happen that is due.

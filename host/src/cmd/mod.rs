@@ -2,24 +2,49 @@
 //!
 //! The file holds `pub struct Args` (clap derive) and `pub fn run(args: &Args, context: &Context) -> Outcome`.
 
-use crate::context::Context;
-use crate::failure::Outcome;
+use std::io::{IsTerminal, Write};
+use std::path::Path;
 
+use crate::context::Context;
+use crate::failure::{Exit, Failure, Outcome};
+
+pub mod bus;
+pub mod completions;
+pub mod config;
+pub mod doctor;
+pub mod download;
+pub mod gait;
+pub mod info;
+pub mod list;
+pub mod log;
+pub mod man;
+pub mod monitor;
+pub mod rec;
+pub mod reset;
+pub mod run;
+pub mod slots;
+pub mod stop;
+pub mod upload;
 pub mod version;
+pub mod zero;
 
 macro_rules! commands {
-    ($($(#[$doc:meta])* $variant:ident => $module:ident,)*) => {
+    ($($variant:ident => $module:ident,)*) => {
         /// What to do.
         #[derive(Debug, clap::Subcommand)]
+        #[allow(clippy::large_enum_variant, reason = "one command line lives once")]
         pub enum Command {
-            $($(#[$doc])* $variant($module::Args),)*
+            $(
+                #[allow(missing_docs, reason = "the module's Args say what it does")]
+                $variant($module::Args),
+            )*
         }
 
         impl Command {
             /// Does it.
             ///
             /// # Errors
-            /// [`crate::failure::Failure`] with its exit code.
+            /// [`Failure`] with its exit code.
             pub fn run(&self, context: &Context) -> Outcome {
                 match self {
                     $(Self::$variant(args) => $module::run(args, context),)*
@@ -30,6 +55,77 @@ macro_rules! commands {
 }
 
 commands! {
-    /// Show versions
+    List => list,
+    Info => info,
+    Doctor => doctor,
+    Upload => upload,
+    Download => download,
+    Slots => slots,
+    Run => run,
+    Stop => stop,
+    Monitor => monitor,
+    Log => log,
+    Zero => zero,
+    Reset => reset,
+    Bus => bus,
+    Gait => gait,
+    Rec => rec,
+    Completions => completions,
+    Man => man,
+    Config => config,
     Version => version,
+}
+
+/// Writes a new file; an existing one only with `force`.
+fn write_new(path: &Path, bytes: &[u8], force: bool) -> Outcome {
+    let mut options = std::fs::OpenOptions::new();
+    options.write(true).create(true).truncate(true);
+    if !force {
+        options.create_new(true);
+    }
+    let written = options
+        .open(path)
+        .and_then(|mut file| file.write_all(bytes));
+    written.map_err(|error| match error.kind() {
+        std::io::ErrorKind::AlreadyExists => {
+            Failure::say(Exit::Other, format!("{} exists", path.display()))
+                .hint("name another file or give --force")
+        }
+        _ => Failure::say(
+            Exit::Other,
+            format!("cannot write {}: {error}", path.display()),
+        ),
+    })
+}
+
+/// Bytes to standard output; a closed pipe ends quietly.
+fn print_bytes(bytes: &[u8]) -> Outcome {
+    let mut out = std::io::stdout().lock();
+    match out.write_all(bytes).and_then(|()| out.flush()) {
+        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
+        other => other.map_err(Failure::from),
+    }
+}
+
+/// Asks a question at a terminal; without one `--yes` is needed.
+fn confirm(context: &Context, question: &str) -> Outcome {
+    if context.yes {
+        return Ok(());
+    }
+    if !std::io::stdin().is_terminal() {
+        return Err(
+            Failure::say(Exit::Usage, format!("{question} No terminal to ask at"))
+                .hint("give --yes"),
+        );
+    }
+    eprint!("{question} [y/N] ");
+    let mut answer = String::new();
+    std::io::stdin().read_line(&mut answer)?;
+    if matches!(answer.trim(), "y" | "Y" | "yes") {
+        return Ok(());
+    }
+    Err(Failure::say(
+        Exit::Interrupted,
+        "not confirmed, nothing was changed",
+    ))
 }

@@ -10,6 +10,7 @@ pub mod serial;
 pub mod sim;
 mod stream;
 pub mod tcp;
+pub mod telemetry;
 pub mod text;
 
 use std::time::Duration;

@@ -11,6 +11,7 @@ use super::packet::{
     ALERT, BROADCAST, Builder, Instruction, MAX_PACKET, PacketBuf, Parser, ParserCounters,
     StatusError, TooLong,
 };
+use super::server::SKIP_NS;
 use super::table::{PACKED_FEEDBACK, Register};
 
 /// Drivers that one request can address: two meta-modules.
@@ -232,6 +233,20 @@ impl Request {
                 .saturating_add(8),
             Answers::Anyone => 14,
         }
+    }
+
+    /// How long to listen after the last byte was sent before giving up, ns: every answer at `byte_ns` a byte, and every driver silent that could make
+    /// those after it wait.
+    #[must_use]
+    pub fn patience_ns(&self, byte_ns: u64) -> u64 {
+        let answers = (self.answer_bytes() as u64).saturating_mul(byte_ns);
+        let drivers = match self.answers {
+            Answers::None => return 0,
+            Answers::Each | Answers::Together => self.ids.len() as u64,
+            // A broadcast ping is answered in slots of 1.1 answers by id, 0..=252.
+            Answers::Anyone => return answers.saturating_mul(279),
+        };
+        answers.saturating_add(drivers.saturating_mul(SKIP_NS))
     }
 
     /// Longest single packet that may come back, stuffing and echo included.

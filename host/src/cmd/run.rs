@@ -1,0 +1,289 @@
+//! `rb-host run`
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use control::gait::Gait;
+use protocol::link::{Digest, EndReason, ModuleState};
+use serde_json::{Value, json};
+
+use crate::cli::parse_duration;
+use crate::context::Context;
+use crate::failure::{Exit, Failure, Outcome};
+use crate::gait_file;
+use crate::link::{Robot, text};
+use crate::recording::{Header, Recorder};
+use crate::runner::{self, Order, RunReport};
+use crate::settings::Key;
+use crate::upload::{self, Options};
+
+/// Run a gait on the robot and record it; Ctrl-C stops the robot
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Gait file, uploaded first
+    #[arg(required_unless_present = "slot")]
+    gait: Option<PathBuf>,
+    /// Slot: with a gait file where to store it, alone what to run
+    #[arg(short, long)]
+    slot: Option<u8>,
+    /// Length of each run, such as 30s; default: the gait's own
+    #[arg(short, long, value_name = "TIME", value_parser = parse_duration)]
+    duration: Option<Duration>,
+    /// Number of runs
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    repeat: u32,
+    /// Recording to write (MCAP)
+    #[arg(short, long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// Replace an existing recording
+    #[arg(long)]
+    force: bool,
+    /// Samples per second, 20 or 100 [default: setting telemetry_hz]
+    #[arg(long, value_name = "HZ", value_parser = ["20", "100"])]
+    rate: Option<String>,
+    /// Wait before the first movement
+    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    countdown: Option<Duration>,
+    /// Attach this model file to the recording
+    #[arg(short, long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Leave the check of the gait to the robot
+    #[arg(long)]
+    skip_host_check: bool,
+}
+
+/// Longest wait for the robot to come to rest between two runs.
+const REST: Duration = Duration::from_secs(10);
+
+/// Runs and records.
+///
+/// # Errors
+/// Exit codes 1, 3, 4, 5, 6, 7, 130.
+pub fn run(args: &Args, context: &Context) -> Outcome {
+    let gait = args
+        .gait
+        .as_deref()
+        .map(|path| load(args, context, path))
+        .transpose()?;
+    let model = args.model.as_deref().map(load_model).transpose()?;
+    let mut robot = context.connect()?;
+    let (slot, digest, gait) = place(args, &mut robot, gait)?;
+    let order = order(args, context, slot, digest, gait)?;
+    let mut recorder = match &args.record {
+        Some(path) => Some(open_recording(
+            path,
+            args.force,
+            &mut robot,
+            &order.gait,
+            model.as_deref(),
+        )?),
+        None => None,
+    };
+    let mut reports = Vec::new();
+    for number in 0..args.repeat {
+        let report = runner::run(context, &mut robot, recorder.as_mut(), number, &order)?;
+        context.out.say(line(&report));
+        let last = report.interrupted || report.reason != Some(EndReason::Completed);
+        reports.push(report);
+        if last {
+            break;
+        }
+        if number + 1 < args.repeat {
+            wait_for_rest(&mut robot)?;
+        }
+    }
+    if let Some(recorder) = recorder {
+        recorder
+            .finish()
+            .map_err(|e| Failure::new(Exit::Other, e))?;
+    }
+    let value = json!({
+        "gait": order.gait.name(), "slot": slot, "digest": text::hex(&digest.0), "recording": args.record,
+        "port": robot.link().uri().to_string(), "runs": reports.iter().map(report_json).collect::<Vec<_>>(),
+    });
+    context
+        .out
+        .result("rb.run/1", value, || match &args.record {
+            Some(path) => format!("recorded {}", path.display()),
+            None => String::new(),
+        });
+    verdict(&reports)
+}
+
+fn load(args: &Args, context: &Context, path: &Path) -> Outcome<Gait> {
+    let gait = gait_file::load(path)?;
+    if !args.skip_host_check {
+        upload::host_check(context, &gait, path)?;
+    }
+    Ok(gait)
+}
+
+fn load_model(path: &Path) -> Outcome<String> {
+    /// A model file with every key and a source for each is under 64 KiB.
+    const MAX_MODEL: usize = 1 << 20;
+    let bad = |e: anyhow::Error| Failure::new(Exit::BadFile, e);
+    let text = gait_file::read_text(path, MAX_MODEL).map_err(|e| bad(e.into()))?;
+    files::model::Model::parse(&path.display().to_string(), &text)
+        .map_err(|e| bad(anyhow::Error::new(e)))?;
+    Ok(text)
+}
+
+/// Slot, digest and gait: uploaded now, or found in the slot.
+fn place(args: &Args, robot: &mut Robot, gait: Option<Gait>) -> Outcome<(u8, Digest, Gait)> {
+    match (gait, args.slot) {
+        (Some(gait), slot) => {
+            let options = Options {
+                slot,
+                activate: false,
+                verify: true,
+            };
+            let stored = upload::upload(robot, &gait, options)?;
+            Ok((stored.slot, stored.digest, gait))
+        }
+        (None, Some(slot)) => {
+            let (gait, digest) = upload::download(robot, slot)?;
+            Ok((slot, digest, gait))
+        }
+        (None, None) => Err(Failure::say(Exit::Usage, "give a gait file or --slot")),
+    }
+}
+
+fn order(args: &Args, context: &Context, slot: u8, digest: Digest, gait: Gait) -> Outcome<Order> {
+    let rate = args
+        .rate
+        .clone()
+        .unwrap_or_else(|| context.settings.get(Key::TelemetryHz).value);
+    Ok(Order {
+        slot,
+        digest,
+        duration: args
+            .duration
+            .unwrap_or_else(|| Duration::from_secs_f32(gait.duration_s())),
+        rate_hz: rate
+            .parse()
+            .map_err(|_| Failure::say(Exit::Usage, "--rate is 20 or 100"))?,
+        countdown: args.countdown.unwrap_or_default(),
+        gait,
+    })
+}
+
+fn open_recording(
+    path: &Path,
+    force: bool,
+    robot: &mut Robot,
+    gait: &Gait,
+    model: Option<&str>,
+) -> Outcome<Recorder> {
+    let clock_offset_ns = clock_offset_ns(robot)?;
+    let hello = robot.hello();
+    let header = Header {
+        tool: format!("rb-host {}", env!("CARGO_PKG_VERSION")),
+        firmware: hello.firmware.to_string(),
+        robot: hello.robot_id.to_string(),
+        port: robot.link().uri().to_string(),
+        model_digest: text::hex(&hello.model_digest.0),
+        clock_offset_ns,
+    };
+    let open = || {
+        let mut recorder = Recorder::create(path, force, &header)?;
+        recorder.attach(
+            "gait.toml",
+            "application/toml",
+            files::gait::to_toml(gait).as_bytes(),
+        )?;
+        if let Some(model) = model {
+            recorder.attach("model.toml", "application/toml", model.as_bytes())?;
+        }
+        Ok(recorder)
+    };
+    open().map_err(|e: crate::recording::RecorderError| Failure::new(Exit::Other, e))
+}
+
+/// What turns device time into recording time: nothing on virtual time, so that the same run gives the same file.
+fn clock_offset_ns(robot: &mut Robot) -> Outcome<i64> {
+    if robot.link().uri().is_sim() {
+        return Ok(0);
+    }
+    let pong = robot.ping()?;
+    let unix = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
+    let middle_ns = (unix.saturating_sub(pong.round_trip / 2)).as_nanos();
+    let module_ns = u128::from(pong.module_us) * 1000;
+    Ok(i64::try_from(middle_ns as i128 - module_ns as i128).unwrap_or(0))
+}
+
+fn wait_for_rest(robot: &mut Robot) -> Outcome {
+    let until = robot.link().now() + REST;
+    while robot.link().now() < until {
+        if robot.info()?.state == ModuleState::Idle {
+            return Ok(());
+        }
+        robot.next(Duration::from_millis(100))?;
+    }
+    Err(Failure::say(
+        Exit::Refused,
+        "the robot did not come to rest after the run",
+    )
+    .hint("`rb-host info` shows its state"))
+}
+
+fn line(report: &RunReport) -> String {
+    let end = &report.end;
+    let mut text = format!(
+        "run {}: {}, {} cycles, {} samples, tracking error {:.2} deg rms",
+        end.run + 1,
+        end.reason,
+        end.cycles,
+        end.recorded,
+        report.tracking_rms_rad.to_degrees()
+    );
+    for (count, what) in [
+        (end.holds, "cycles held by the pre-check"),
+        (end.dropped_by_module, "samples dropped by the robot"),
+        (end.lost_on_link, "samples lost on the link"),
+        (end.reconnects, "reconnects"),
+    ] {
+        if count > 0 {
+            text.push_str(&format!(", {count} {what}"));
+        }
+    }
+    text
+}
+
+fn report_json(report: &RunReport) -> Value {
+    let end = &report.end;
+    json!({
+        "run": end.run, "reason": end.reason, "cycles": end.cycles, "holds": end.holds, "samples": end.samples,
+        "recorded": end.recorded, "dropped_by_module": end.dropped_by_module, "lost_on_link": end.lost_on_link,
+        "reconnects": end.reconnects, "setpoint_crc32c": format!("{:08x}", end.setpoint_crc32c),
+        "tracking_rms_rad": report.tracking_rms_rad,
+    })
+}
+
+/// The exit code of the last run.
+fn verdict(reports: &[RunReport]) -> Outcome {
+    let Some(last) = reports.last() else {
+        return Ok(());
+    };
+    if last.interrupted {
+        return Err(Failure::say(
+            Exit::Interrupted,
+            "Ctrl-C: the robot was stopped",
+        ));
+    }
+    match &last.reason {
+        Some(EndReason::Completed) => Ok(()),
+        Some(reason) => {
+            let failure = Failure::say(
+                Exit::Refused,
+                format!("the run ended early: {}", text::end_reason(reason)),
+            );
+            Err(failure.hint("`rb-host log` tells what happened"))
+        }
+        None => Err(Failure::say(
+            Exit::Link,
+            "the end of the run was not heard; the recording holds what came",
+        )),
+    }
+}

@@ -1,0 +1,497 @@
+//! The robot as data: a tree of rigid bodies, half-spheres on them, cubes made of two half-spheres.
+//!
+//! At home all body frames are parallel to the world. The base is one body (body 3 of the meta-module, so that no path is longer than
+//! three joints); every other body hangs on its parent by one hinge. [`RawRobot`] is what a structure is written as; [`Robot`] is
+//! checked, sorted and holds the constants of the half-sphere's shape.
+
+use files::model::{Key, Model};
+
+/// Most joints of a robot: two meta-modules (`control::gait::MAX_OSCILLATORS`).
+pub const MAX_JOINTS: usize = 12;
+/// Most bodies.
+pub(crate) const MAX_BODIES: usize = MAX_JOINTS + 1;
+/// Most half-spheres: four for every three joints, and four.
+pub(crate) const MAX_HALVES: usize = 16;
+/// Most cubes.
+pub(crate) const MAX_CUBES: usize = MAX_HALVES / 2;
+/// Most pairs of cubes that may meet.
+pub(crate) const MAX_PAIRS: usize = 15;
+
+/// Which motor drives a joint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum JointClass {
+    /// Between the halves of one cube.
+    Intra,
+    /// Between two cubes.
+    Inter,
+    /// No motor: a direction in which the connection of two modules gives.
+    Connector,
+}
+
+/// One body of a [`RawRobot`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct RawBody {
+    /// Parent body, `None` for the base; a parent stands before its children.
+    pub parent: Option<usize>,
+    /// From the parent's origin to this body's origin at home, m. The hinge axis passes through this body's origin.
+    pub offset_m: [f64; 3],
+    /// Unit axis about which this body turns against its parent when the joint angle grows.
+    pub axis: [f64; 3],
+    /// Joint index in gaits and recordings; `None` for the base.
+    pub joint: Option<usize>,
+    /// Motor of the joint.
+    pub class: JointClass,
+}
+
+/// One half-sphere of a [`RawRobot`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct RawHalf {
+    /// Body it belongs to.
+    pub body: usize,
+    /// From the body's origin to the cube's centre, m.
+    pub centre_m: [f64; 3],
+    /// The three outward normals of the faces that cut it, unit, at right angles; their sum points to the half's middle.
+    pub faces: [[f64; 3]; 3],
+}
+
+/// A structure as written, not yet checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RawRobot {
+    /// Bodies, parents first; body 0 is the base.
+    pub bodies: Vec<RawBody>,
+    /// Half-spheres; their order is that of the masses.
+    pub halves: Vec<RawHalf>,
+    /// Cubes as pairs of half-spheres with one centre and opposite sides.
+    pub cubes: Vec<[usize; 2]>,
+    /// Pairs of cubes that may meet.
+    pub pairs: Vec<[usize; 2]>,
+    /// Edge of a cube, m.
+    pub cube_m: f64,
+    /// Radius of the ball, m.
+    pub ball_radius_m: f64,
+    /// Whether the base is bolted to the world.
+    pub fixed_base: bool,
+}
+
+/// Why a structure was refused.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum RobotError {
+    /// More than the engine holds.
+    #[error("the robot has {found} {what}, at most {most} are supported")]
+    TooMany {
+        /// What there is too much of.
+        what: &'static str,
+        /// How many there are.
+        found: usize,
+        /// How many there may be.
+        most: usize,
+    },
+    /// A body, half-sphere or cube refers to something that does not exist or comes later.
+    #[error("{what} {index} refers to {to}, which does not exist or does not stand before it")]
+    Reference {
+        /// What refers.
+        what: &'static str,
+        /// Its index.
+        index: usize,
+        /// What it refers to.
+        to: usize,
+    },
+    /// An axis or normal is not of unit length, or normals are not at right angles.
+    #[error("{what} {index} is not a unit vector at right angles to its fellows")]
+    NotUnit {
+        /// What it is.
+        what: &'static str,
+        /// Its index.
+        index: usize,
+    },
+    /// Joint indices must be 0.. without gaps, the base alone without joint.
+    #[error(
+        "joint indices must count from 0 without gaps, one per body but the base; body {body} breaks this"
+    )]
+    Joints {
+        /// The offending body.
+        body: usize,
+    },
+    /// The two halves of a cube must share a centre and face away from each other.
+    #[error("the halves of cube {cube} do not share a centre or do not face away from each other")]
+    Cube {
+        /// The offending cube.
+        cube: usize,
+    },
+    /// The ball must be larger than the inscribed and smaller than the edge-touching ball of the cube.
+    #[error("ball radius {radius_m} m must lie between {min_m} and {max_m} m for this cube")]
+    Ball {
+        /// The refused radius.
+        radius_m: f64,
+        /// Half the cube's edge.
+        min_m: f64,
+        /// Largest radius for which the face discs stay apart.
+        max_m: f64,
+    },
+}
+
+/// Constants of the half-sphere: a half ball less three caps, uniform density, per kg.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HalfShape {
+    /// Volume, m3.
+    pub volume_m3: f64,
+    /// Distance of the centre of mass from the cube's centre along the diagonal, m.
+    pub com_m: f64,
+    /// Inertia about the cube's centre is this times the identity, m2 (kg m2 per kg).
+    pub centre_inertia_m2: f64,
+    /// Distance of a face from the centre, m.
+    pub face_m: f64,
+    /// Radius of a face's disc, m.
+    pub rim_m: f64,
+}
+
+impl HalfShape {
+    /// Closed forms: half ball minus caps. The caps lie inside the half because `face_m > sqrt(2) rim_m`. The second moment of
+    /// half ball and caps about the centre is isotropic, because the three faces are at right angles.
+    fn new(cube_m: f64, radius_m: f64) -> HalfShape {
+        use std::f64::consts::PI;
+        let (r, a) = (radius_m, cube_m / 2.0);
+        let height = r - a;
+        let rim2 = r * r - a * a;
+        let volume = 2.0 / 3.0 * PI * r * r * r - PI * height * height * (3.0 * r - height);
+        let moment = PI * r * r * r * r / 4.0 - 3.0f64.sqrt() * PI * rim2 * rim2 / 4.0;
+        let (r5, a3, a5) = (r * r * r * r * r, a * a * a, a * a * a * a * a);
+        let axial = PI * (r5 * 2.0 / 15.0 - (r * r * a3 / 3.0 - a5 / 5.0));
+        let across =
+            PI / 4.0 * (r5 * 8.0 / 15.0 - (r * r * r * r * a - 2.0 * r * r * a3 / 3.0 + a5 / 5.0));
+        let second = 2.0 * PI * r5 / 15.0 - (axial + 2.0 * across);
+        HalfShape {
+            volume_m3: volume,
+            com_m: moment / volume,
+            centre_inertia_m2: 2.0 * second / volume,
+            face_m: a,
+            rim_m: rim2.sqrt(),
+        }
+    }
+}
+
+/// A checked robot.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Robot {
+    raw: RawRobot,
+    shape: HalfShape,
+    /// Body of each joint index.
+    body_of_joint: Vec<usize>,
+    /// For every body: bit k set when body k lies on its path to the base (itself included, base excluded).
+    paths: Vec<u32>,
+}
+
+impl Robot {
+    /// The meta-module of a model: two modules, joints 0..5, base = body 3.
+    ///
+    /// # Errors
+    /// [`RobotError::Ball`] when ball and cube do not fit together.
+    pub fn meta_module(model: &Model) -> Result<Robot, RobotError> {
+        let connector = model.effects().iter().any(|e| {
+            matches!(
+                e.effect.info().name,
+                "connector_compliance" | "connector_play"
+            )
+        });
+        meta_module(
+            model.value(Key::Cube),
+            model.value(Key::BallRadius),
+            model.value(Key::Twist),
+            connector,
+        )
+        .try_into()
+    }
+
+    /// The structure as data.
+    #[must_use]
+    pub fn raw(&self) -> &RawRobot {
+        &self.raw
+    }
+
+    /// Constants of the half-sphere.
+    #[must_use]
+    pub fn shape(&self) -> &HalfShape {
+        &self.shape
+    }
+
+    /// Joints that gaits and recordings count, connectors excluded.
+    #[must_use]
+    pub fn motors(&self) -> usize {
+        self.raw
+            .bodies
+            .iter()
+            .skip(1)
+            .filter(|b| b.class != JointClass::Connector)
+            .count()
+    }
+
+    /// All joints, connectors last.
+    #[must_use]
+    pub fn joints(&self) -> usize {
+        self.raw.bodies.len() - 1
+    }
+
+    pub(crate) fn body_of_joint(&self, joint: usize) -> usize {
+        self.body_of_joint[joint]
+    }
+
+    pub(crate) fn path(&self, body: usize) -> u32 {
+        self.paths[body]
+    }
+
+    /// Diagonal of a half-sphere: unit vector from the cube's centre to the half's middle.
+    pub(crate) fn diagonal(&self, half: usize) -> [f64; 3] {
+        let f = &self.raw.halves[half].faces;
+        let s = 1.0 / 3.0f64.sqrt();
+        std::array::from_fn(|i| s * (f[0][i] + f[1][i] + f[2][i]))
+    }
+}
+
+fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+impl TryFrom<RawRobot> for Robot {
+    type Error = RobotError;
+
+    fn try_from(raw: RawRobot) -> Result<Robot, RobotError> {
+        let limit = |what, found: usize, most: usize| {
+            if found > most {
+                Err(RobotError::TooMany { what, found, most })
+            } else {
+                Ok(())
+            }
+        };
+        limit("bodies", raw.bodies.len(), MAX_BODIES)?;
+        limit("half-spheres", raw.halves.len(), MAX_HALVES)?;
+        limit("cubes", raw.cubes.len(), MAX_CUBES)?;
+        limit("pairs", raw.pairs.len(), MAX_PAIRS)?;
+        let (radius_m, min_m) = (raw.ball_radius_m, raw.cube_m / 2.0);
+        // The discs of neighbouring faces stay apart, and inside their half, while the rim is smaller than the face distance / sqrt 2.
+        let max_m = min_m * 1.5f64.sqrt();
+        if !(radius_m > min_m && radius_m < max_m) {
+            return Err(RobotError::Ball {
+                radius_m,
+                min_m,
+                max_m,
+            });
+        }
+        let (body_of_joint, paths) = check_bodies(&raw)?;
+        check_shapes(&raw)?;
+        let shape = HalfShape::new(raw.cube_m, raw.ball_radius_m);
+        Ok(Robot {
+            raw,
+            shape,
+            body_of_joint,
+            paths,
+        })
+    }
+}
+
+fn check_bodies(raw: &RawRobot) -> Result<(Vec<usize>, Vec<u32>), RobotError> {
+    let count = raw.bodies.len();
+    let mut body_of_joint = vec![0; count.saturating_sub(1)];
+    let mut paths = vec![0u32; count];
+    for (index, body) in raw.bodies.iter().enumerate() {
+        match (index, body.parent, body.joint) {
+            (0, None, None) => {}
+            (0, _, _) | (_, None, _) | (_, _, None) => {
+                return Err(RobotError::Joints { body: index });
+            }
+            (_, Some(parent), Some(joint)) => {
+                if parent >= index {
+                    return Err(RobotError::Reference {
+                        what: "body",
+                        index,
+                        to: parent,
+                    });
+                }
+                let Some(slot) = body_of_joint.get_mut(joint).filter(|s| **s == 0) else {
+                    return Err(RobotError::Joints { body: index });
+                };
+                *slot = index;
+                paths[index] = paths[parent] | (1 << index);
+                if (dot(body.axis, body.axis) - 1.0).abs() > 1e-9 {
+                    return Err(RobotError::NotUnit {
+                        what: "axis of body",
+                        index,
+                    });
+                }
+            }
+        }
+    }
+    Ok((body_of_joint, paths))
+}
+
+fn check_shapes(raw: &RawRobot) -> Result<(), RobotError> {
+    for (index, half) in raw.halves.iter().enumerate() {
+        if half.body >= raw.bodies.len() {
+            return Err(RobotError::Reference {
+                what: "half-sphere",
+                index,
+                to: half.body,
+            });
+        }
+        for i in 0..3 {
+            for j in 0..3 {
+                let expected = if i == j { 1.0 } else { 0.0 };
+                if (dot(half.faces[i], half.faces[j]) - expected).abs() > 1e-9 {
+                    return Err(RobotError::NotUnit {
+                        what: "face of half-sphere",
+                        index,
+                    });
+                }
+            }
+        }
+    }
+    for (index, cube) in raw.cubes.iter().enumerate() {
+        for to in *cube {
+            if to >= raw.halves.len() {
+                return Err(RobotError::Reference {
+                    what: "cube",
+                    index,
+                    to,
+                });
+            }
+        }
+        let [a, b] = cube.map(|h| &raw.halves[h]);
+        let sum = |f: &[[f64; 3]; 3]| -> [f64; 3] {
+            std::array::from_fn(|i| (f[0][i] + f[1][i] + f[2][i]) / 3.0f64.sqrt())
+        };
+        if (dot(sum(&a.faces), sum(&b.faces)) + 1.0).abs() > 1e-9 {
+            return Err(RobotError::Cube { cube: index });
+        }
+    }
+    for (index, pair) in raw.pairs.iter().enumerate() {
+        for to in *pair {
+            if to >= raw.cubes.len() {
+                return Err(RobotError::Reference {
+                    what: "pair",
+                    index,
+                    to,
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The meta-module of design section 2.1. With `connector`, body 3 is split at the connection: module B then hangs on three hinges
+/// (x, y, z through the connection's middle) that have springs instead of motors.
+fn meta_module(cube_m: f64, ball_radius_m: f64, twist_rad: f64, connector: bool) -> RawRobot {
+    let (s, c) = libm::sincos(twist_rad);
+    let s3 = 1.0 / 3.0f64.sqrt();
+    let d = [s3, s3, s3];
+    let e: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    // Rx(twist) of the axes, and of the diagonal.
+    let t: [[f64; 3]; 3] = [[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]];
+    let dt = [s3, s3 * (c - s), s3 * (s + c)];
+    let minus = |v: [f64; 3]| [-v[0], -v[1], -v[2]];
+    let x = e[0];
+    let body = |parent, dx: f64, axis, joint, class| RawBody {
+        parent: Some(parent),
+        offset_m: [dx, 0.0, 0.0],
+        axis,
+        joint: Some(joint),
+        class,
+    };
+    let half_edge = cube_m / 2.0;
+    let (intra, inter) = (JointClass::Intra, JointClass::Inter);
+    // Base = body 3; then 2, 1, 0 of module A (turning backwards), then 4, 5, 6 of module B.
+    let base = RawBody {
+        parent: None,
+        offset_m: [0.0; 3],
+        axis: x,
+        joint: None,
+        class: JointClass::Connector,
+    };
+    let mut bodies = vec![
+        base,
+        body(0, -half_edge, minus(d), 2, intra),
+        body(1, -cube_m, minus(x), 1, inter),
+        body(2, 0.0, minus(d), 0, intra),
+    ];
+    let mut root_b = 0;
+    if connector {
+        for (k, axis) in e.into_iter().enumerate() {
+            bodies.push(body(root_b, 0.0, axis, 6 + k, JointClass::Connector));
+            root_b = bodies.len() - 1;
+        }
+    }
+    let b4 = bodies.len();
+    bodies.push(body(root_b, half_edge, dt, 3, intra));
+    bodies.push(body(b4, cube_m, x, 4, inter));
+    bodies.push(body(b4 + 1, 0.0, dt, 5, intra));
+    let half = |body, cx: f64, axes: [[f64; 3]; 3], sign: f64| RawHalf {
+        body,
+        centre_m: [cx, 0.0, 0.0],
+        faces: axes.map(|a| [sign * a[0], sign * a[1], sign * a[2]]),
+    };
+    RawRobot {
+        bodies,
+        halves: vec![
+            half(3, 0.0, e, -1.0),
+            half(2, 0.0, e, 1.0),
+            half(1, 0.0, e, -1.0),
+            half(0, -half_edge, e, 1.0),
+            half(root_b, half_edge, t, -1.0),
+            half(b4, 0.0, t, 1.0),
+            half(b4 + 1, 0.0, t, -1.0),
+            half(b4 + 2, 0.0, t, 1.0),
+        ],
+        cubes: vec![[0, 1], [2, 3], [4, 5], [6, 7]],
+        pairs: vec![[0, 3]],
+        cube_m,
+        ball_radius_m,
+        fixed_base: false,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The figures of design section 2.1's background were computed from a mesh; the closed forms agree to the mesh's error.
+    #[test]
+    fn half_sphere_constants() {
+        let s = HalfShape::new(0.110, 0.062);
+        assert!((s.com_m - 22.675e-3).abs() < 5e-6, "{}", s.com_m);
+        let across = s.centre_inertia_m2 - s.com_m * s.com_m;
+        assert!((across - 9.7208e-4).abs() < 4e-6, "{across}");
+        assert!((s.com_m * s.com_m - 5.1275e-4).abs() < 2e-6);
+    }
+
+    #[test]
+    fn connector_splits_the_middle_body() {
+        let rigid = Robot::try_from(meta_module(0.11, 0.062, 1.0, false)).unwrap();
+        let split = Robot::try_from(meta_module(0.11, 0.062, 1.0, true)).unwrap();
+        assert_eq!((rigid.joints(), rigid.motors()), (6, 6));
+        assert_eq!((split.joints(), split.motors()), (9, 6));
+    }
+
+    #[test]
+    fn broken_structures_are_refused() {
+        let good = meta_module(0.11, 0.062, 0.0, false);
+        let mut raw = good.clone();
+        raw.bodies[2].parent = Some(5);
+        assert!(matches!(
+            Robot::try_from(raw),
+            Err(RobotError::Reference { .. })
+        ));
+        let mut raw = good.clone();
+        raw.bodies[2].joint = Some(0);
+        assert!(matches!(
+            Robot::try_from(raw),
+            Err(RobotError::Joints { .. })
+        ));
+        let mut raw = good.clone();
+        raw.halves[1].faces[0] = [0.5, 0.5, 0.0];
+        assert!(matches!(
+            Robot::try_from(raw),
+            Err(RobotError::NotUnit { .. })
+        ));
+        let mut raw = good;
+        raw.ball_radius_m = 0.050;
+        assert!(matches!(Robot::try_from(raw), Err(RobotError::Ball { .. })));
+    }
+}
