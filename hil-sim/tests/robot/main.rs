@@ -4,3 +4,5 @@ mod common;
 mod faults;
 mod orders;
 mod run;
+mod security;
+mod upload;
