@@ -1,4 +1,5 @@
 //! Driver servers and the master on one simulated bus: who answers what, and when.
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 mod common;
 
@@ -55,6 +56,9 @@ impl DriverHandler for Driver {
         self.registers.restart();
     }
 }
+
+/// Who answered, with which error and data.
+type Heard = (u8, Option<StatusError>, Vec<u8>);
 
 /// Drivers on a wire where every byte takes its time and everybody hears everything but himself.
 struct Bus {
@@ -128,7 +132,7 @@ impl Bus {
         }
     }
 
-    fn ask(&mut self, request: Request) -> (Vec<(u8, Option<StatusError>, Vec<u8>)>, Exchange) {
+    fn ask(&mut self, request: Request) -> (Vec<Heard>, Exchange) {
         let heard = self.exchange(request.bytes());
         let mut exchange = Exchange::new(request);
         let mut answers = Vec::new();

@@ -1,8 +1,10 @@
 //! Frames against every damage a serial line can do.
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 mod common;
 
 use common::*;
+use proptest::prelude::*;
 use protocol::link::*;
 
 /// Every frame the decoder accepts out of these bytes, as (sequence, type, payload).
@@ -274,5 +276,58 @@ fn a_short_buffer_is_refused_at_every_length() {
             encode(&module_header(1), &message, &mut exact),
             Ok(whole.len())
         );
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_gait_comes_back_bit_for_bit(
+        numbers in proptest::collection::vec(any::<u32>(), 3 + 3 * 12 + 2 * 24),
+        ends in proptest::collection::vec(any::<(u8, u8)>(), 0..=24),
+        oscillators in 0..=12_usize,
+        name in "[a-z\u{e4}\u{20ac}]{0,10}",
+        header in any::<(u8, u16, u32)>(),
+    ) {
+        let mut numbers = numbers.into_iter().map(f32::from_bits);
+        let mut number = || numbers.next().unwrap();
+        let mut gait = WireGait { name: name.as_str().try_into().unwrap(), ..WireGait::default() };
+        (gait.frequency_hz, gait.rate_a_per_s, gait.duration_s) = (number(), number(), number());
+        for _ in 0..oscillators {
+            let oscillator =
+                WireOscillator { amplitude_rad: number(), offset_rad: number(), initial_phase_rad: number() };
+            gait.oscillators.push(oscillator).unwrap();
+        }
+        for (from, to) in ends {
+            gait.links.push(WireLink { from, to, weight: number(), phase_lag_rad: number() }).unwrap();
+        }
+        let header = Header { version: VERSION, source: header.0, sequence: header.1, boot_id: header.2 };
+        let bytes = frame(&header, &ToModule::PutGait { slot: 0, activate: false, gait: gait.clone(), tag: Tag::NONE });
+        let mut decoder = Decoder::new();
+        let got = bytes.iter().find_map(|byte| decoder.push(*byte).map(|frame| (frame.header, frame.decode::<ToModule>())));
+        let Some((got_header, Ok(ToModule::PutGait { gait: got, .. }))) = got else { panic!("{got:?}") };
+        prop_assert_eq!(got_header, header);
+        // Bits, not values: NaN is unequal to itself.
+        let mut buffers = [[0; protocol::link::gait::MAX_GAIT]; 2];
+        let [first, second] = &mut buffers;
+        prop_assert_eq!(gait.to_bytes(first), got.to_bytes(second));
+        prop_assert_eq!(gait.digest(), got.digest());
+    }
+
+    #[test]
+    fn any_payload_is_read_or_refused(kind in 0..24_u8, payload in proptest::collection::vec(any::<u8>(), 0..MAX_PAYLOAD)) {
+        let mut body = vec![VERSION, SOURCE_HOST, 0, 0, 0, 0, 0, 0, kind];
+        body.extend_from_slice(&payload);
+        body.extend_from_slice(&protocol::crc::crc32c(&body).to_le_bytes());
+        let mut bytes = cobs::encode_vec(&body);
+        bytes.push(0);
+        let mut decoder = Decoder::new();
+        let got = bytes.iter().find_map(|byte| {
+            decoder.push(*byte).map(|frame| (frame.decode::<ToModule>(), frame.decode::<FromModule>()))
+        });
+        let (to, from) = got.unwrap();
+        prop_assert_eq!(to == Err(DecodeError::UnknownType { kind }), kind >= ToModule::COUNT);
+        prop_assert_eq!(from == Err(DecodeError::UnknownType { kind }), kind >= FromModule::COUNT);
     }
 }

@@ -1,4 +1,5 @@
 //! The module's end of the link: what is carried out, what is refused, what is done once.
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 mod common;
 

@@ -1,4 +1,5 @@
 //! Telemetry: exact, bounded, and how much of it link and memory carry.
+#![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
 mod common;
 
