@@ -27,7 +27,7 @@ pub const MAX_EVENTS: usize = 8;
     reason = "no heap to box into; one lives at a time"
 )]
 pub enum ToModule {
-    /// First message of a host. Ends the host's earlier session. -> [`FromModule::Hello`].
+    /// First message of a host; changes nothing in the module. -> [`FromModule::Hello`].
     Hello {
         /// Protocol version of the host.
         protocol: u8,
@@ -56,7 +56,7 @@ pub enum ToModule {
     ListSlots,
     /// Signed. -> [`FromModule::Ack`].
     ActivateSlot {
-        /// Slot that `Start` of the STOP/START input and the next boot use.
+        /// Slot that is run where nobody names one.
         slot: u8,
         /// Proof.
         tag: Tag,
