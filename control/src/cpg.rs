@@ -48,12 +48,12 @@ impl CpgState {
     /// `r_i sin(phi_i) + x_i` for every oscillator, rad.
     #[must_use]
     pub fn set_points(&self) -> SetPoints {
-        SetPoints(
-            self.oscillators
-                .iter()
-                .map(|o| o.amplitude_rad * math::sin(o.phase_rad) + o.offset_rad)
-                .collect(),
-        )
+        // Not `collect`: that could panic as far as the compiler knows.
+        let mut out = Vec::new();
+        for o in &self.oscillators {
+            let _ = out.push(o.amplitude_rad * math::sin(o.phase_rad) + o.offset_rad);
+        }
+        SetPoints(out)
     }
 }
 
@@ -89,14 +89,15 @@ pub struct CountMismatch {
 /// The state at t = 0: amplitudes 0, offsets and phases of the gait.
 #[must_use]
 pub fn start(gait: &Gait) -> CpgState {
-    let oscillators = gait.oscillators().iter().map(|o| OscillatorState {
-        phase_rad: o.initial_phase_rad,
-        amplitude_rad: 0.0,
-        offset_rad: o.offset_rad,
-    });
-    CpgState {
-        oscillators: oscillators.collect(),
+    let mut oscillators = Vec::new();
+    for o in gait.oscillators() {
+        let _ = oscillators.push(OscillatorState {
+            phase_rad: o.initial_phase_rad,
+            amplitude_rad: 0.0,
+            offset_rad: o.offset_rad,
+        });
     }
+    CpgState { oscillators }
 }
 
 /// Checks that `gait` can take over the running `state`. The state itself stays: from the next step on amplitudes and offsets pass to

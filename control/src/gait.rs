@@ -499,19 +499,34 @@ fn canonicalise(raw: &mut RawGait) {
         link.weight += 0.0;
         link.phase_lag_rad = math::wrap_pi(link.phase_lag_rad) + 0.0;
     }
-    raw.links.sort_unstable_by_key(|link| (link.from, link.to));
+    sort_links(&mut raw.links);
+}
+
+/// Bubble sort of at most [`MAX_LINKS`] links: `core`'s sort can panic on an inconsistent order.
+fn sort_links(links: &mut [Link]) {
+    for _ in 0..links.len() {
+        let mut rest = links.iter_mut();
+        let Some(mut lower) = rest.next() else { return };
+        for upper in rest {
+            if (lower.from, lower.to) > (upper.from, upper.to) {
+                core::mem::swap(lower, upper);
+            }
+            lower = upper;
+        }
+    }
 }
 
 /// Links of a chain 0-1-2-…: one weight, one phase lag per neighbouring pair. At most [`MAX_LINKS`] are taken.
 #[must_use]
 pub fn chain(weight: f32, phase_lags_rad: &[f32]) -> Vec<Link, MAX_LINKS> {
-    let pairs = (0u8..).zip(phase_lags_rad).take(MAX_LINKS);
-    pairs
-        .map(|(from, lag)| Link {
+    let mut links = Vec::new();
+    for (from, lag) in (0u8..).zip(phase_lags_rad).take(MAX_LINKS) {
+        let _ = links.push(Link {
             from,
             to: from + 1,
             weight,
             phase_lag_rad: *lag,
-        })
-        .collect()
+        });
+    }
+    links
 }
