@@ -135,6 +135,7 @@ impl Body {
             &self.command,
             &mut self.state,
             &mut self.work,
+            &mut engine::NoProbe,
         );
         let after = self.state.linear;
         let g = self.params.gravity_m_s2;

@@ -1,6 +1,7 @@
 //! Which instruction set runs a batch.
 #![allow(unsafe_code)]
 
+use crate::engine::{NoProbe, Probe, Stage};
 use crate::robot::Robot;
 use crate::rollout::run_group;
 use crate::trial::{Options, Outcome, RunError, Trial};
@@ -81,6 +82,33 @@ pub fn run(trials: &[Trial], options: &Options) -> Result<Vec<Outcome>, RunError
 /// # Errors
 /// As [`run`].
 pub fn run_at(level: Level, trials: &[Trial], options: &Options) -> Result<Vec<Outcome>, RunError> {
+    run_with(level, trials, options, &mut NoProbe)
+}
+
+/// As [`run`], telling `probe` when each stage of each step ends.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_probed(
+    trials: &[Trial],
+    options: &Options,
+    probe: &mut dyn Probe,
+) -> Result<Vec<Outcome>, RunError> {
+    struct Told<'a>(&'a mut dyn Probe);
+    impl Probe for Told<'_> {
+        fn ended(&mut self, stage: Stage) {
+            self.0.ended(stage);
+        }
+    }
+    run_with(Level::detect(), trials, options, &mut Told(probe))
+}
+
+fn run_with<P: Probe>(
+    level: Level,
+    trials: &[Trial],
+    options: &Options,
+    probe: &mut P,
+) -> Result<Vec<Outcome>, RunError> {
     options.check()?;
     for (k, trial) in trials.iter().enumerate() {
         trial.check(k)?;
@@ -101,7 +129,7 @@ pub fn run_at(level: Level, trials: &[Trial], options: &Options) -> Result<Vec<O
         left = rest;
         for chunk in group.chunks(level.lanes()) {
             let members: Vec<&Trial> = chunk.iter().map(|k| &trials[*k]).collect();
-            let done = run_level(level, &robot, &members, options);
+            let done = run_level(level, &robot, &members, options, probe);
             for (k, outcome) in chunk.iter().zip(done) {
                 outcomes[*k] = Some(outcome);
             }
@@ -110,18 +138,24 @@ pub fn run_at(level: Level, trials: &[Trial], options: &Options) -> Result<Vec<O
     Ok(outcomes.into_iter().flatten().collect())
 }
 
-fn run_level(level: Level, robot: &Robot, trials: &[&Trial], options: &Options) -> Vec<Outcome> {
+fn run_level<P: Probe>(
+    level: Level,
+    robot: &Robot,
+    trials: &[&Trial],
+    options: &Options,
+    probe: &mut P,
+) -> Vec<Outcome> {
     match level {
-        Level::Reference => run_group::<f64>(robot, trials, options),
+        Level::Reference => run_group::<f64>(robot, trials, options, probe),
         #[cfg(target_arch = "x86_64")]
-        Level::Sse2 => run_group::<crate::lane::F32x4>(robot, trials, options),
-        // SAFETY: `run_at` replaced levels that this processor lacks.
+        Level::Sse2 => run_group::<crate::lane::F32x4>(robot, trials, options, probe),
+        // SAFETY: `run_with` replaced levels that this processor lacks.
         #[cfg(target_arch = "x86_64")]
-        Level::Avx2 => unsafe { run_avx2(robot, trials, options) },
+        Level::Avx2 => unsafe { run_avx2(robot, trials, options, probe) },
         // SAFETY: as above.
         #[cfg(target_arch = "x86_64")]
-        Level::Avx512 => unsafe { run_avx512(robot, trials, options) },
-        _ => run_group::<f32>(robot, trials, options),
+        Level::Avx512 => unsafe { run_avx512(robot, trials, options, probe) },
+        _ => run_group::<f32>(robot, trials, options, probe),
     }
 }
 
@@ -129,14 +163,24 @@ fn run_level(level: Level, robot: &Robot, trials: &[&Trial], options: &Options) 
 /// The processor must have AVX2.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
-unsafe fn run_avx2(robot: &Robot, trials: &[&Trial], options: &Options) -> Vec<Outcome> {
-    run_group::<crate::lane::F32x8>(robot, trials, options)
+unsafe fn run_avx2<P: Probe>(
+    robot: &Robot,
+    trials: &[&Trial],
+    options: &Options,
+    probe: &mut P,
+) -> Vec<Outcome> {
+    run_group::<crate::lane::F32x8>(robot, trials, options, probe)
 }
 
 /// # Safety
 /// The processor must have AVX-512F.
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f")]
-unsafe fn run_avx512(robot: &Robot, trials: &[&Trial], options: &Options) -> Vec<Outcome> {
-    run_group::<crate::lane::F32x16>(robot, trials, options)
+unsafe fn run_avx512<P: Probe>(
+    robot: &Robot,
+    trials: &[&Trial],
+    options: &Options,
+    probe: &mut P,
+) -> Vec<Outcome> {
+    run_group::<crate::lane::F32x16>(robot, trials, options, probe)
 }

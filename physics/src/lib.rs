@@ -25,6 +25,7 @@ mod drive;
 mod engine;
 mod lane;
 mod linear;
+pub mod mjcf;
 pub mod noise;
 mod params;
 mod robot;
@@ -32,7 +33,8 @@ mod rollout;
 mod trial;
 
 pub use body::{Body, Imu, JointDrive};
-pub use dispatch::{Level, run, run_at};
+pub use dispatch::{Level, run, run_at, run_probed};
+pub use engine::{Probe, Stage};
 pub use params::{GRAVITY_M_S2, JointParams, Params, ParamsError};
 pub use robot::{HalfShape, JointClass, MAX_JOINTS, RawBody, RawHalf, RawRobot, Robot, RobotError};
 pub use trial::{

@@ -1,7 +1,7 @@
 //! Many trials, lane by lane.
 
 use crate::drive::LaneDrive;
-use crate::engine::{self, Command, LaneParams, State, Tree, Work};
+use crate::engine::{self, Command, LaneParams, Probe, Stage, State, Tree, Work};
 use crate::lane::Lane;
 use crate::params::Params;
 use crate::robot::Robot;
@@ -29,6 +29,7 @@ pub(crate) fn run_group<L: Lane>(
     robot: &Robot,
     trials: &[&Trial],
     options: &Options,
+    probe: &mut impl Probe,
 ) -> Vec<Outcome> {
     let tree = Tree::new(robot);
     let params: Vec<&Params> = trials.iter().map(|t| &*t.params).collect();
@@ -57,8 +58,10 @@ pub(crate) fn run_group<L: Lane>(
         if records.iter().all(|r| r.done) {
             break;
         }
-        engine::step(&tree, &p, &switches, &command, &mut state, &mut work);
+        probe.ended(Stage::Control);
+        engine::step(&tree, &p, &switches, &command, &mut state, &mut work, probe);
         check_finite(step, options, &state, &drives, &mut records);
+        probe.ended(Stage::Integration);
     }
     records.into_iter().map(|r| r.outcome).collect()
 }

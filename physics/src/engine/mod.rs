@@ -63,6 +63,39 @@ impl<L: Lane> Command<L> {
     }
 }
 
+/// A part of a step, for profiles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Set-points, noise, samples.
+    Control,
+    /// Sines, rotations, positions.
+    Kinematics,
+    /// Inertias, couplings and the matrix S.
+    MassMatrix,
+    /// Velocities, gravity and velocity products, servo.
+    Bias,
+    /// Contact points with the ground and of cubes with each other.
+    Contacts,
+    /// Gauss-Seidel and motor torques.
+    Solver,
+    /// New velocities and positions, check for numbers.
+    Integration,
+}
+
+/// Is told when a stage ends. It owns the clock; the engine has none.
+pub trait Probe {
+    /// The stage has just ended.
+    fn ended(&mut self, stage: Stage);
+}
+
+/// Listens to nothing and costs nothing.
+pub(crate) struct NoProbe;
+
+impl Probe for NoProbe {
+    #[inline(always)]
+    fn ended(&mut self, _: Stage) {}
+}
+
 /// One step. `switches` says which effects any lane of the batch uses; a lane with neutral parameters gives the same bits either way.
 #[inline(always)]
 pub(crate) fn step<L: Lane>(
@@ -72,15 +105,21 @@ pub(crate) fn step<L: Lane>(
     command: &Command<L>,
     s: &mut State<L>,
     w: &mut Work<L>,
+    probe: &mut impl Probe,
 ) {
     dynamics::kinematics(tree, s, w);
+    probe.ended(Stage::Kinematics);
     dynamics::inertias(tree, p, w);
     dynamics::couplings(tree, w, p);
+    probe.ended(Stage::MassMatrix);
     dynamics::velocities(tree, s, w);
     dynamics::bias(tree, p, s, w);
     dynamics::servo(tree, p, switches, command, s, w);
+    probe.ended(Stage::Bias);
     contact::detect(tree, p, s, w);
     selfcontact::detect(tree, s, w);
+    probe.ended(Stage::Contacts);
     solve::solve(tree, p, switches, s, w);
+    probe.ended(Stage::Solver);
     dynamics::integrate(tree, p, switches, s, w);
 }

@@ -1,0 +1,161 @@
+//! The tables of docs/physics.md: this engine beside MuJoCo and ODE on the same gaits, and convergence with the time step.
+//!
+//! `cargo run --release -p physics --example validate [GAITS]`; needs cc, libode-dev and target/venv with mujoco for the other engines.
+#![allow(clippy::print_stdout)]
+
+#[path = "../tests/common/mod.rs"]
+mod common;
+#[path = "../validation/tools.rs"]
+mod tools;
+
+use physics::Level;
+use tools::{Bench, JOINTS, Report, TICKS, Track, median};
+
+/// Samples at 20 Hz of the instants that the tables compare, s.
+const INSTANTS_S: [f64; 5] = [0.5, 1.0, 2.0, 10.0, 30.0];
+
+fn apart(a: &Track, b: &Track, tick: usize) -> f64 {
+    (0..3)
+        .map(|k| (a[tick][k] - b[tick][k]).powi(2))
+        .sum::<f64>()
+        .sqrt()
+}
+
+/// Angle between two orientations, rad.
+fn turned(a: &Track, b: &Track, tick: usize) -> f64 {
+    let dot: f64 = (3..7).map(|k| a[tick][k] * b[tick][k]).sum();
+    2.0 * dot.abs().min(1.0).acos()
+}
+
+fn joint_rms(a: &Track, b: &Track, ticks: usize) -> f64 {
+    let mut sum = 0.0;
+    for (x, y) in a.iter().zip(b).take(ticks + 1) {
+        for k in 7..7 + JOINTS {
+            sum += (x[k] - y[k]).powi(2);
+        }
+    }
+    (sum / ((ticks + 1) * JOINTS) as f64).sqrt()
+}
+
+fn distance(a: &Track) -> f64 {
+    (a[TICKS][0] - a[0][0]).hypot(a[TICKS][1] - a[0][1])
+}
+
+fn ranks(values: &[f64]) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..values.len()).collect();
+    order.sort_by(|a, b| values[*a].total_cmp(&values[*b]));
+    let mut out = vec![0.0; values.len()];
+    for (rank, k) in order.into_iter().enumerate() {
+        out[k] = rank as f64;
+    }
+    out
+}
+
+/// Spearman's rank correlation.
+fn rank_correlation(a: &[f64], b: &[f64]) -> f64 {
+    let (a, b) = (ranks(a), ranks(b));
+    let n = a.len() as f64;
+    let mean = (n - 1.0) / 2.0;
+    let cross: f64 = a.iter().zip(&b).map(|(x, y)| (x - mean) * (y - mean)).sum();
+    let own: f64 = a.iter().map(|x| (x - mean).powi(2)).sum();
+    cross / own
+}
+
+/// Kolmogorov and Smirnov's distance of two samples, 0 = same distribution.
+fn ks(a: &[f64], b: &[f64]) -> f64 {
+    let share =
+        |set: &[f64], x: f64| set.iter().filter(|v| **v <= x).count() as f64 / set.len() as f64;
+    a.iter()
+        .chain(b)
+        .map(|x| (share(a, *x) - share(b, *x)).abs())
+        .fold(0.0, f64::max)
+}
+
+fn row(name: &str, report: &Report, reference: &Report) {
+    let pairs = || report.tracks.iter().zip(&reference.tracks);
+    let joints = median(pairs().map(|(a, b)| joint_rms(a, b, 40)).collect()).to_degrees();
+    print!("| {name} | {joints:.3} |");
+    for t in INSTANTS_S {
+        let tick = (t * 20.0) as usize;
+        let d = median(pairs().map(|(a, b)| apart(a, b, tick)).collect());
+        print!(" {:.2} |", d * 100.0);
+    }
+    let angle = median(pairs().map(|(a, b)| turned(a, b, 40)).collect()).to_degrees();
+    let own: Vec<f64> = report.tracks.iter().map(distance).collect();
+    let other: Vec<f64> = reference.tracks.iter().map(distance).collect();
+    let mean = own.iter().sum::<f64>() / own.len() as f64;
+    println!(
+        " {angle:.2} | {:.1} | {:.1} | {:.2} | {:.2} |",
+        mean * 100.0,
+        median(own.clone()) * 100.0,
+        rank_correlation(&own, &other),
+        ks(&own, &other),
+    );
+}
+
+fn heading(reference: &str) {
+    println!("\nReference: {reference}\n");
+    println!(
+        "| engine, step | joints 2 s [deg] | 0.5 s [cm] | 1 s | 2 s | 10 s | 30 s | orientation 2 s [deg] | mean distance [cm] | median | rank corr. | KS |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
+}
+
+fn main() {
+    let count = std::env::args()
+        .nth(1)
+        .and_then(|a| a.parse().ok())
+        .unwrap_or(60);
+    let params = tools::params();
+    let trials = tools::trials(&params, count);
+    let bench = Bench::new(&params, &trials);
+    println!(
+        "{count} random gaits, amplitude 0.5 to 1.2 rad, offset up to 0.5 rad, 0.2 Hz, friction 1, no bounce, 30 s, start at home."
+    );
+    let mut engines: Vec<(String, Report)> = Vec::new();
+    for (h, sweeps) in [
+        (0.0005, 50),
+        (0.001, 12),
+        (0.002, 12),
+        (0.004, 12),
+        (0.008, 12),
+    ] {
+        let (report, _) = tools::ours(Level::Reference, &trials, h, sweeps);
+        engines.push((format!("ours f64, {} ms, {sweeps} sweeps", h * 1e3), report));
+    }
+    for sweeps in [4, 8, 30, 100] {
+        let (report, _) = tools::ours(Level::Reference, &trials, 0.004, sweeps);
+        engines.push((format!("ours f64, 4 ms, {sweeps} sweeps"), report));
+    }
+    let (report, _) = tools::ours(Level::detect(), &trials, 0.004, 12);
+    engines.push(("ours f32 lanes, 4 ms, 12 sweeps".to_owned(), report));
+    for h in [0.0005, 0.001, 0.002, 0.004] {
+        if let Some(report) = bench.run_mujoco(h) {
+            engines.push((format!("MuJoCo, {} ms", h * 1e3), report));
+        }
+    }
+    for (h, stepper) in [
+        (0.0005, "step"),
+        (0.001, "step"),
+        (0.002, "quick"),
+        (0.004, "step"),
+    ] {
+        if let Some(report) = bench.run_ode(h, stepper) {
+            engines.push((format!("ODE {stepper}, {} ms", h * 1e3), report));
+        }
+    }
+    for name in [
+        "ODE step, 0.5 ms",
+        "MuJoCo, 0.5 ms",
+        "ours f64, 0.5 ms, 50 sweeps",
+    ] {
+        if let Some((_, reference)) = engines.iter().find(|(n, _)| n == name) {
+            heading(name);
+            for (n, report) in &engines {
+                if n != name {
+                    row(n, report, reference);
+                }
+            }
+        }
+    }
+}

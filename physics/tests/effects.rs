@@ -1,0 +1,342 @@
+//! Every effect from `drivetrain` to `body`: off gives the bits of the base model, on does what its name says.
+// Helpers outside `#[test]` functions may fail a test by panicking too.
+#![allow(clippy::unwrap_used)]
+
+mod common;
+
+use common::random_gait;
+use files::model::{Effect, Model, Stage};
+use physics::{
+    Body, Drive, GRAVITY_M_S2, JointDrive, Level, Options, Outcome, Params, Pose, Robot, Start,
+    Trial, Twist, run_at,
+};
+use std::sync::Arc;
+
+fn options() -> Options {
+    Options {
+        record_angles: true,
+        record_motors: true,
+        ..Options::default()
+    }
+}
+
+fn gait_trial(model: &Model, k: u32) -> Trial {
+    Trial {
+        params: Arc::new(Params::try_from(model).unwrap()),
+        start: Start::HomeAtOnce,
+        drive: Drive::Gait {
+            gait: Arc::new(random_gait(5, k, (0.5, 1.2))),
+            noise_rad: 0.0,
+            seed: 0,
+        },
+        duration_s: 5.0,
+    }
+}
+
+fn with(effect: Effect, values: &[f64]) -> Model {
+    let mut model = Model::hand_tuned();
+    if effect.info().per_joint {
+        for joint in 0..6 {
+            model.set_effect(effect, Some(joint), values).unwrap();
+        }
+    } else {
+        model.set_effect(effect, None, values).unwrap();
+    }
+    model
+}
+
+fn simulated(effect: Effect) -> bool {
+    matches!(
+        effect.info().stage,
+        Stage::Drivetrain | Stage::Transmission | Stage::Body
+    )
+}
+
+/// Values that mean "off"; base effects are off at the nominal value.
+fn neutral(effect: Effect) -> Vec<f64> {
+    effect.info().parameters.iter().map(|p| p.neutral).collect()
+}
+
+/// Values large enough to change a five-second gait.
+fn strong(effect: Effect) -> Vec<f64> {
+    match effect {
+        Effect::CoulombFriction => vec![2.0],
+        Effect::ViscousFriction => vec![2.0],
+        Effect::StribeckFriction => vec![2.0, 1.0],
+        Effect::LoadDependentFriction => vec![0.9],
+        Effect::AsymmetricFriction => vec![4.0, 0.0],
+        Effect::QuadraticFriction => vec![3.0],
+        Effect::TorqueRipple => vec![2.0, 3.0, 0.5],
+        Effect::Inertia => vec![3.0],
+        Effect::GravityLoad => vec![2.0],
+        Effect::Backlash => vec![0.05],
+        Effect::Compliance | Effect::ConnectorCompliance => vec![20.0],
+        Effect::ConnectorPlay => vec![0.03],
+        Effect::GroundFriction => vec![0.3],
+        Effect::FrictionAnisotropy => vec![3.0, 0.3],
+        Effect::TorsionalFriction => vec![0.02],
+        Effect::Restitution => vec![0.0],
+        Effect::GroundSlope => vec![0.03, 0.05],
+        Effect::GroundCompliance => vec![2000.0, 20.0],
+        Effect::Mass => vec![1.5],
+        Effect::ComOffset => vec![0.01, 0.0, 0.02],
+        other => panic!("{other:?} is not simulated here"),
+    }
+}
+
+fn run(trials: &[Trial], level: Level) -> Vec<Outcome> {
+    let out = run_at(level, trials, &options()).unwrap();
+    assert!(out.iter().all(|o| o.not_finite.is_none()));
+    out
+}
+
+#[test]
+fn off_is_the_base_model_to_the_bit() {
+    let base = gait_trial(&Model::hand_tuned(), 0);
+    let expected = run(std::slice::from_ref(&base), Level::detect());
+    for effect in Effect::all().filter(|e| simulated(*e)) {
+        let connector = matches!(effect, Effect::ConnectorCompliance | Effect::ConnectorPlay);
+        if connector {
+            // Split bodies are another structure; off means absent.
+            continue;
+        }
+        let off = gait_trial(&with(effect, &neutral(effect)), 0);
+        assert_eq!(run(&[off], Level::detect()), expected, "{effect:?} alone");
+    }
+}
+
+#[test]
+fn a_neighbour_with_an_effect_changes_nothing() {
+    let base = gait_trial(&Model::hand_tuned(), 0);
+    let expected = run(std::slice::from_ref(&base), Level::Scalar);
+    for effect in Effect::all().filter(|e| simulated(*e)) {
+        let other = gait_trial(&with(effect, &strong(effect)), 0);
+        let pair = run(&[base.clone(), other.clone()], Level::detect());
+        assert_eq!(pair[0], expected[0], "{effect:?}");
+        assert_ne!(pair[1].poses, expected[0].poses, "{effect:?} has no effect");
+        // The effect itself gives the same bits alone and scalar.
+        assert_eq!(run(&[other], Level::Scalar)[0], pair[1], "{effect:?}");
+    }
+}
+
+#[test]
+fn effects_of_other_stages_are_refused_by_name() {
+    let error = Params::try_from(&with(Effect::MotorLag, &[0.1])).unwrap_err();
+    assert!(
+        error.to_string().contains("`motor_lag` (stage driver)"),
+        "{error}"
+    );
+}
+
+fn high() -> Pose {
+    Pose {
+        position_m: [0.0, 0.0, 50.0],
+        quaternion: [1.0, 0.0, 0.0, 0.0],
+    }
+}
+
+fn weightless(model: &Model, time_step_s: f64) -> Body {
+    let params = Params {
+        gravity_m_s2: [0.0; 3],
+        ..Params::try_from(model).unwrap()
+    };
+    let options = Options {
+        time_step_s,
+        ..Options::default()
+    };
+    let mut body = Body::new(Arc::new(params), &options).unwrap();
+    body.place(&high(), &Twist::default(), &[0.0; 6], &[0.0; 6])
+        .unwrap();
+    body
+}
+
+/// Lets joint 1 run down from 1 rad/s with all others held, returns its speed after `seconds` and its inertia.
+fn coast(effect: Effect, values: &[f64], seconds: f64) -> (f64, f64) {
+    let h = 0.001;
+    let mut body = weightless(&with(effect, values), h);
+    let mut speeds = [0.0; 6];
+    speeds[1] = 1.0;
+    body.place(&high(), &Twist::default(), &[0.0; 6], &speeds)
+        .unwrap();
+    let mut drives = [JointDrive::Speed {
+        rad_s: 0.0,
+        limit_nm: f64::INFINITY,
+    }; 6];
+    drives[1] = JointDrive::Torque { nm: 0.0 };
+    let mut inertia = 0.0;
+    for _ in 0..(seconds / h).round() as u32 {
+        body.step(&drives);
+        inertia = body.inertias_kg_m2().nth(1).unwrap();
+    }
+    (body.speeds_rad_s().nth(1).unwrap(), inertia)
+}
+
+#[test]
+fn coulomb_friction_brakes_linearly_and_stops() {
+    let (v, inertia) = coast(Effect::CoulombFriction, &[0.002], 0.2);
+    assert!(
+        (v - (1.0 - 0.002 * 0.2 / inertia)).abs() < 0.02,
+        "{v} {inertia}"
+    );
+    let (v, _) = coast(Effect::CoulombFriction, &[0.2], 0.2);
+    assert!(v.abs() < 1e-6, "{v}");
+}
+
+#[test]
+fn viscous_friction_brakes_exponentially() {
+    let (v, inertia) = coast(Effect::ViscousFriction, &[0.01], 0.2);
+    let exact = libm::exp(-0.01 * 0.2 / inertia);
+    assert!((v - exact).abs() < 0.02, "{v} {exact}");
+}
+
+#[test]
+fn quadratic_friction_brakes_hyperbolically() {
+    let (v, inertia) = coast(Effect::QuadraticFriction, &[0.02], 0.2);
+    let exact = 1.0 / (1.0 + 0.02 * 0.2 / inertia);
+    assert!((v - exact).abs() < 0.02, "{v} {exact}");
+}
+
+#[test]
+fn inertia_ratio_slows_the_answer_to_a_torque() {
+    let angle = |ratio: f64| {
+        let mut body = weightless(&with(Effect::Inertia, &[ratio]), 0.001);
+        let mut drives = [JointDrive::Speed {
+            rad_s: 0.0,
+            limit_nm: f64::INFINITY,
+        }; 6];
+        drives[0] = JointDrive::Torque { nm: 0.001 };
+        for _ in 0..50 {
+            body.step(&drives);
+        }
+        body.angles_rad().next().unwrap()
+    };
+    let ratio = angle(1.0) / angle(2.5);
+    assert!((ratio - 2.5).abs() < 0.01, "{ratio}");
+}
+
+#[test]
+fn backlash_lets_the_link_lag_by_its_half_width() {
+    let mut body = weightless(&with(Effect::Backlash, &[0.03]), 0.002);
+    for _ in 0..1500 {
+        body.step(&[JointDrive::Servo { set_point_rad: 0.4 }; 6]);
+    }
+    for (motor, link) in body.encoders_rad().zip(body.angles_rad()) {
+        assert!((motor - 0.4).abs() < 0.005, "{motor}");
+        assert!((motor - link).abs() < 0.0302, "{motor} {link}");
+    }
+    let spread: f64 = body
+        .encoders_rad()
+        .zip(body.angles_rad())
+        .map(|(m, l)| (m - l).abs())
+        .fold(0.0, f64::max);
+    assert!(spread > 0.02, "{spread}");
+}
+
+#[test]
+fn compliance_bends_by_torque_over_stiffness() {
+    // Resting on the ground at home a joint carries little; held in the air by a constant outside torque it bends by torque / stiffness.
+    let mut model = with(Effect::Compliance, &[50.0]);
+    for joint in 0..6 {
+        model
+            .set_effect(Effect::ViscousFriction, Some(joint), &[0.3])
+            .unwrap();
+    }
+    let params = Arc::new(Params::try_from(&model).unwrap());
+    let mut body = Body::new(params, &options()).unwrap();
+    for _ in 0..1000 {
+        body.step(&[JointDrive::Servo { set_point_rad: 0.0 }; 6]);
+    }
+    for ((motor, link), torque) in body
+        .encoders_rad()
+        .zip(body.angles_rad())
+        .zip(body.torques_nm())
+    {
+        assert!(
+            ((motor - link) - torque / 50.0).abs() < 2e-4,
+            "{motor} {link} {torque}"
+        );
+    }
+}
+
+#[test]
+fn a_stiff_connector_is_close_to_none() {
+    let trial = |model: &Model| {
+        let mut t = gait_trial(model, 3);
+        t.duration_s = 1.0;
+        t
+    };
+    let rigid = run(&[trial(&Model::hand_tuned())], Level::Reference);
+    let stiff = run(
+        &[trial(&with(Effect::ConnectorCompliance, &[1e5]))],
+        Level::Reference,
+    );
+    let (a, b) = (rigid[0].poses[15].position_m, stiff[0].poses[15].position_m);
+    let apart = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f32>().sqrt();
+    assert!(apart < 0.002, "{apart} m after 0.75 s");
+}
+
+#[test]
+fn anisotropy_and_torsion_brake_as_they_say() {
+    let slide = |model: &Model, direction: f32| {
+        let (s, c) = (libm::sinf(direction), libm::cosf(direction));
+        let trial = Trial {
+            params: Arc::new(Params::try_from(model).unwrap()),
+            start: Start::State {
+                base: Pose {
+                    position_m: [0.0, 0.0, 0.055],
+                    quaternion: [1.0, 0.0, 0.0, 0.0],
+                },
+                twist: Twist {
+                    linear_m_s: [0.5 * c, 0.5 * s, 0.0],
+                    angular_rad_s: [0.0; 3],
+                },
+                angles_rad: vec![0.0; 6],
+                speeds_rad_s: vec![0.0; 6],
+            },
+            drive: Drive::SetPoints {
+                period_s: 1.0,
+                values_rad: Arc::from([0.0; 6]),
+            },
+            duration_s: 1.0,
+        };
+        run(&[trial], Level::detect())[0].distance_m
+    };
+    let mut model = with(Effect::FrictionAnisotropy, &[2.0, 0.6]);
+    model
+        .set_effect(Effect::GroundFriction, None, &[0.2])
+        .unwrap();
+    model.set_effect(Effect::Restitution, None, &[0.0]).unwrap();
+    let along = slide(&model, 0.6);
+    let across = slide(&model, 0.6 + std::f32::consts::FRAC_PI_2);
+    let exact = 0.25 / (2.0 * 0.2 * GRAVITY_M_S2);
+    assert!((along - exact).abs() < 0.03 * exact, "{along} {exact}");
+    assert!((across - exact / 2.0).abs() < 0.03 * exact, "{across}");
+}
+
+#[test]
+fn any_tree_of_the_kind_runs() {
+    // A single module: the meta-module's raw structure cut after body 3's first half.
+    let whole = Robot::meta_module(&Model::hand_tuned()).unwrap();
+    let mut raw = whole.raw().clone();
+    raw.bodies.truncate(4);
+    raw.halves.truncate(4);
+    raw.cubes.truncate(2);
+    raw.pairs.clear();
+    let robot = Arc::new(Robot::try_from(raw).unwrap());
+    assert_eq!(robot.motors(), 3);
+    let params = Params::new(&Model::hand_tuned(), robot).unwrap();
+    let trial = Trial {
+        params: Arc::new(params),
+        start: Start::HomeAtOnce,
+        drive: Drive::SetPoints {
+            period_s: 1.0,
+            values_rad: Arc::from([0.0, 0.0, 0.0, 0.8, 0.3, -0.4]),
+        },
+        duration_s: 3.0,
+    };
+    let out = run(&[trial], Level::detect());
+    let end = &out[0].angles_rad[out[0].angles_rad.len() - 3..];
+    for (q, expected) in end.iter().zip([0.8, 0.3, -0.4]) {
+        assert!((q - expected).abs() < 0.01, "{end:?}");
+    }
+}
