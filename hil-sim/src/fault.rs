@@ -199,6 +199,13 @@ impl Faults {
         self.entries.is_empty()
     }
 
+    /// Whether a driver may start to talk unasked.
+    pub(crate) fn may_babble(&self) -> bool {
+        self.entries
+            .iter()
+            .any(|entry| entry.fault.kind == FaultKind::Babble)
+    }
+
     pub(crate) fn counts(&self) -> Vec<FaultCount> {
         self.entries
             .iter()

@@ -235,11 +235,14 @@ impl World {
             .min()
     }
 
-    /// When the next byte ends or the next driver gives up waiting [ns]. With faults also the next joint step: a
-    /// babbling driver may start then.
+    /// When the next byte ends or the next driver gives up waiting [ns]. With a babbling driver also the next joint
+    /// step: it may start then.
     #[must_use]
     pub fn next_event_ns(&self) -> Option<u64> {
-        let step = (!self.faults.is_empty()).then_some(self.plant_ns + self.step_ns);
+        let step = self
+            .faults
+            .may_babble()
+            .then_some(self.plant_ns + self.step_ns);
         [self.next_wire_ns(), step].into_iter().flatten().min()
     }
 

@@ -526,3 +526,46 @@ fn packed_block_is_read_whole() {
     );
     assert_eq!(beyond[0].error, Some(StatusError::Access));
 }
+
+/// 30 s of six catalogue motors under the firmware's cycle: equal bits twice; the speed is printed.
+#[test]
+fn thirty_seconds_repeat_bit_for_bit() {
+    let run = || {
+        let mut world = World::on_stand(&WorldParams::metamodule(11, JointKind::catalogue_joint))
+            .expect("valid");
+        for id in IDS {
+            write(&mut world, id, Register::TorqueEnable, 1).expect("torque");
+        }
+        let mut bits = Vec::new();
+        for k in 1..=600_u64 {
+            world.advance_to(k * 50 * MS);
+            let phase = k as f64 * 0.05 * 0.2 * std::f64::consts::TAU;
+            let goals: Vec<_> = IDS
+                .iter()
+                .map(|id| (*id, (0.7e6 * (phase + f64::from(*id)).sin()) as i32))
+                .collect();
+            let goals: Vec<_> = if k < 20 {
+                goals
+                    .iter()
+                    .map(|(id, g)| (*id, g * k as i32 / 20))
+                    .collect()
+            } else {
+                goals
+            };
+            ask(&mut world, Request::set_points(&goals).expect("six"), 0);
+            let blocks = feedback(&mut world);
+            bits.extend(blocks.iter().map(|b| b.position_urad));
+        }
+        bits.push(
+            (0..6)
+                .map(|k| world.joint(k).expect("joint").link_rad.to_bits() as i32)
+                .fold(0, |a, b| a ^ b),
+        );
+        bits
+    };
+    let begun = std::time::Instant::now();
+    let first = run();
+    let ratio = 30.0 / begun.elapsed().as_secs_f64();
+    println!("emulated motors: 30 s of six drives at {ratio:.0} times real time");
+    assert_eq!(first, run());
+}
