@@ -74,20 +74,27 @@ pub(crate) fn firmware_image() -> Result<()> {
 /// A reachable panic in `control` or `protocol` leaves an undefined symbol, so the link fails.
 pub(crate) fn panic_free_gate() -> Result<()> {
     setup::rust_target()?;
-    let manifest = "tests/panic-free/Cargo.toml";
     let target_dir = sh::target_dir().join("panic-free");
     let target_dir = target_dir.to_string_lossy();
-    sh::run(
-        "cargo",
-        &[
-            "build",
-            "--release",
-            "--manifest-path",
-            manifest,
-            "--target",
-            THUMB[1],
-            "--target-dir",
-            &target_dir,
-        ],
-    )
+    let build = [
+        "build",
+        "--release",
+        "--manifest-path",
+        "tests/panic-free/Cargo.toml",
+        "--target",
+        THUMB[1],
+        "--target-dir",
+        &target_dir,
+    ];
+    sh::run("cargo", &build)?;
+    // The gate must bite: with one reachable panic added, the link has to fail on that symbol.
+    let bite = [&build[..], &["--features", "bite"]].concat();
+    let refused = sh::command("cargo", &bite).output()?;
+    let said = String::from_utf8_lossy(&refused.stderr);
+    if refused.status.success() || !said.contains("undefined symbol: a_panic_is_reachable") {
+        bail!(
+            "the panic-free gate accepted a reachable panic, or failed for another reason:\n{said}"
+        );
+    }
+    Ok(())
 }
