@@ -289,6 +289,8 @@ extern "C" fn machine_reset(_opaque: *mut c_void) {
         machine.flash.reset();
         machine.watchdog = Watchdog::new();
         machine.adc.reset();
+        // The reset has also dropped the levels at the GPIO inputs: the next order, now, drives them again.
+        machine.next_sync_ns = now;
         machine.settle(now);
     });
 }
@@ -470,7 +472,11 @@ impl Machine {
 /// The chip's unique id (RM0351 section 49.1, 0x1fff7590): the seed and a name.
 fn identity(seed: u64) -> RegisterFile {
     let name = u32::from_le_bytes(*b"QEMU");
-    RegisterFile::new(&[(0x190, seed as u32), (0x194, (seed >> 32) as u32), (0x198, name)])
+    RegisterFile::new(&[
+        (0x190, seed as u32),
+        (0x194, (seed >> 32) as u32),
+        (0x198, name),
+    ])
 }
 
 /// Honoured by QEMU's main loop after the current instruction.

@@ -1,6 +1,7 @@
 //! The real firmware image in QEMU, in lock-step with the emulated motors: virtual time, same bits on every run.
 //!
 //! - [`runner`]: starts QEMU, exchanges bytes and time with the plugin
+//! - [`peer`]: emulated motors on its bus; [`host`]: a host on its cable
 //! - [`wire`]: the messages between the two
 //! - [`elf`]: symbols and sizes of the image
 //! - [`stack`]: bound of the stack from the image alone
@@ -9,6 +10,8 @@
 //! Everything needs a Unix socket; elsewhere the module is absent.
 
 pub mod elf;
+pub mod host;
+pub mod peer;
 pub mod runner;
 pub mod stack;
 pub mod tools;

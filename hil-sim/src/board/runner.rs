@@ -32,9 +32,11 @@ pub trait BusPeer {
     /// Lets time pass up to `now_ns`.
     fn advance_to(&mut self, now_ns: u64);
 
-    /// Every byte already on its way to the board: value and end of its stop bit, in order of time.
-    /// The runner asks after every exchange and forgets the answer before.
-    fn upcoming(&mut self, into: &mut Vec<(u8, u64)>);
+    /// Takes the bytes for the board that are due at the present time or later: value and end of the stop bit.
+    fn arrivals(&mut self, into: &mut Vec<(u8, u64)>);
+
+    /// When something will happen by itself: a byte arrives, a driver gives up waiting.
+    fn next_event_ns(&self) -> Option<u64>;
 }
 
 /// Nothing on the bus.
@@ -44,7 +46,10 @@ pub struct EmptyBus;
 impl BusPeer for EmptyBus {
     fn sent(&mut self, _byte: u8, _end_ns: u64) {}
     fn advance_to(&mut self, _now_ns: u64) {}
-    fn upcoming(&mut self, _into: &mut Vec<(u8, u64)>) {}
+    fn arrivals(&mut self, _into: &mut Vec<(u8, u64)>) {}
+    fn next_event_ns(&self) -> Option<u64> {
+        None
+    }
 }
 
 /// What to run and what to count.
@@ -163,6 +168,7 @@ pub struct BoardRunner<B: BusPeer> {
     writer: UnixStream,
     bus: B,
     bus_log: Vec<TimedByte>,
+    arriving: Vec<TimedByte>,
     links: [Line; 2],
     report: Report,
     inputs: Inputs,
@@ -272,6 +278,7 @@ impl<B: BusPeer> BoardRunner<B> {
             writer,
             bus,
             bus_log: Vec::new(),
+            arriving: Vec::new(),
             links: Default::default(),
             report: Report::new(Cause::Sync, 0),
             inputs,
@@ -436,20 +443,22 @@ impl<B: BusPeer> BoardRunner<B> {
 
     fn order(&mut self, until_ns: u64, quit: bool) -> Order {
         let now = self.now_ns();
-        let mut upcoming = Vec::new();
-        self.bus.upcoming(&mut upcoming);
-        let coming = upcoming.into_iter().filter(|&(_, end_ns)| end_ns > now);
-        let mut bytes: Vec<_> = coming
-            .map(|(byte, end_ns)| TimedByte {
+        let mut arrivals = Vec::new();
+        self.bus.arrivals(&mut arrivals);
+        self.arriving.retain(|byte| byte.end_ns > now);
+        self.arriving
+            .extend(arrivals.into_iter().map(|(byte, end_ns)| TimedByte {
                 port: Port::Bus,
                 byte,
                 end_ns,
-            })
-            .collect();
+            }));
+        let mut bytes = self.arriving.clone();
         for (line, port) in self.links.iter_mut().zip([Port::Wire, Port::Radio]) {
             line.launch(port, now, self.report.byte_ns[usize::from(port.number())]);
             bytes.extend(&line.travelling);
         }
+        let event_ns = self.bus.next_event_ns().unwrap_or(u64::MAX);
+        let next_sync_ns = event_ns.max(now + 1);
         Order {
             quit,
             stop_open: self.inputs.stop_open,
@@ -457,7 +466,7 @@ impl<B: BusPeer> BoardRunner<B> {
             battery_sample: self.inputs.battery_sample,
             damage: std::mem::take(&mut self.inputs.damage),
             pokes: std::mem::take(&mut self.inputs.pokes),
-            next_sync_ns: until_ns.min(now + HORIZON_NS),
+            next_sync_ns: next_sync_ns.min(until_ns).min(now + HORIZON_NS),
             bytes,
         }
     }

@@ -2,8 +2,12 @@
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use thiserror::Error;
+
+use super::runner::BoardConfig;
 
 /// Oldest QEMU whose USARTs, plugin API and object layouts this was written for.
 const QEMU_MAJOR: u32 = 10;
@@ -116,4 +120,41 @@ pub fn build(root: &Path) -> Result<Built, Unavailable> {
         elf: target.join("thumbv7em-none-eabihf/firmware/firmware"),
         plugin: target.join("release/libqemu_shim.so"),
     })
+}
+
+/// For tests: image, plugin and QEMU, built once per process, or `None` after saying aloud that and why `test` is
+/// skipped.
+///
+/// # Panics
+/// With `CI=true` in the environment nothing may be skipped.
+#[must_use]
+pub fn built_or_skip(root: &Path, test: &str) -> Option<Built> {
+    static BUILT: OnceLock<Result<Built, Unavailable>> = OnceLock::new();
+    static SKIPPED: AtomicU32 = AtomicU32::new(0);
+    match BUILT.get_or_init(|| build(root)) {
+        Ok(built) => Some(built.clone()),
+        Err(why) => {
+            let ci = std::env::var("CI").is_ok_and(|value| value == "true");
+            assert!(!ci, "{test} cannot be skipped in CI: {why}");
+            let count = SKIPPED.fetch_add(1, Ordering::Relaxed) + 1;
+            eprintln!("SKIPPED {test}: {why} ({count} skipped so far)");
+            None
+        }
+    }
+}
+
+impl Built {
+    /// A configuration with these files, nothing counted, no log.
+    #[must_use]
+    pub fn config(&self) -> BoardConfig {
+        BoardConfig {
+            qemu: self.qemu.clone(),
+            elf: self.elf.clone(),
+            plugin: self.plugin.clone(),
+            seed: 1,
+            regions: Vec::new(),
+            stack: None,
+            log: None,
+        }
+    }
 }
