@@ -3,7 +3,7 @@
 //! | task | does | waits for |
 //! |---|---|---|
 //! | cycle | bus exchange, decision, set-points; pets the watchdog; owns bus and board | the next 50 ms (10 ms) instant |
-//! | work | checks a staged gait a few steps at a time, then writes flash; owns the flash | a message, or 1 ms between steps |
+//! | work | checks a staged gait a few steps at a time, then writes flash; owns the flash | a message; yields between steps |
 //! | receive (one per link) | feeds bytes to the link server | bytes |
 //! | send (one per link) | replies first, then events, then telemetry as the line has room | something to send |
 //!
@@ -15,14 +15,13 @@ use crate::ports::{Board, BusPort, Clock, LinkKind, LinkPort, LinkRx, LinkTx, Sl
 use crate::shared::{Notify, Shared};
 use embassy_futures::join::join4;
 use embassy_futures::select::{Either, select};
+use embassy_futures::yield_now;
 use protocol::link::MAX_FRAME;
 
 /// Host links of a module: a cable and a radio, in any order.
 pub const LINKS: usize = 2;
 /// Time of one byte on the motor bus in us: 10 bits at 1 Mbaud.
 pub const BUS_BYTE_US: u64 = 10;
-/// Pause between two steps of background work, us: leaves the thread to the links and the cycle.
-const WORK_PAUSE_US: u64 = 1_000;
 /// Bytes taken from a link at once: bounds what one poll decodes (64 bytes at 115200 baud take 5.6 ms to arrive).
 const RX_CHUNK: usize = 64;
 /// Largest bus packet either way: sync read reply of one driver, sync write of six, or a raw packet of the host.
@@ -194,11 +193,8 @@ async fn work<C: Clock, S: SlotStore>(
     loop {
         match shared.with(|app| app.work(store, clock.now_us())) {
             Work::None => wake.work.wait().await,
-            Work::More => {
-                clock
-                    .sleep_until_us(clock.now_us().saturating_add(WORK_PAUSE_US))
-                    .await
-            }
+            // Everybody else is polled between two steps.
+            Work::More => yield_now().await,
             Work::Done => wake.senders(),
         }
     }

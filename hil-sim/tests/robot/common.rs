@@ -9,7 +9,7 @@ use protocol::link::Digest;
 /// A chain of six; amplitudes and offsets small enough to stay clear.
 pub(crate) fn gait(number: u8) -> Gait {
     let mut raw = RawGait {
-        frequency_hz: 0.2 + 0.02 * f32::from(number),
+        frequency_hz: 0.2 + 0.01 * f32::from(number),
         rate_a_per_s: 2.0,
         duration_s: 30.0,
         links: chain(0.5, &[0.4 * f32::from(number) - 1.0, -1.5, 3.1, 1.5, -1.5]),
@@ -20,7 +20,7 @@ pub(crate) fn gait(number: u8) -> Gait {
         let oscillator = Oscillator {
             amplitude_rad: 0.2 + 0.05 * f32::from(joint),
             offset_rad: 0.02 * f32::from(number) - 0.05,
-            initial_phase_rad: 0.3 * f32::from(joint) - f32::from(number),
+            initial_phase_rad: 0.3 * f32::from(joint) - 0.7 * f32::from(number),
         };
         raw.oscillators.push(oscillator).expect("six fit");
     }
@@ -47,4 +47,27 @@ pub(crate) fn ready_with(setup: Setup, number: u8) -> (EmulatedRobot, SimHost, D
         .upload(&mut robot, 0, &gait(number))
         .expect("the gait is clear");
     (robot, host, digest)
+}
+
+/// INV1 and INV2 on the drivers' side: every set-point taken is within the limits and no further from the last one than
+/// the joint turns in a cycle (26.6 and 19.4 rpm no-load, the paper's Table I, plus the rounding of wire counts).
+pub(crate) fn check_set_points(robot: &EmulatedRobot) {
+    for joint in 0..6 {
+        let rpm = if joint % 3 == 1 { 19.4 } else { 26.6 };
+        let step_urad = (rpm / 60.0 * core::f64::consts::TAU * 0.05 * 1e6_f64) as i32 + 12;
+        let taken = robot.motors().borrow().taken(joint);
+        for pair in taken.windows(2) {
+            let step = (pair[1].goal_urad - pair[0].goal_urad).abs();
+            assert!(
+                step <= step_urad,
+                "joint {joint}: step of {step} urad at {} us",
+                pair[1].at_ns / 1000
+            );
+        }
+        assert!(
+            taken
+                .iter()
+                .all(|taken| taken.goal_urad.abs() <= 25_200_000)
+        );
+    }
 }
