@@ -18,10 +18,12 @@ pub mod failure;
 pub mod gait_file;
 pub mod interrupt;
 pub mod link;
+pub mod model_file;
 pub mod output;
 pub mod plot;
 pub mod recording;
 pub mod runner;
+pub mod searching;
 pub mod settings;
 pub mod upload;
 

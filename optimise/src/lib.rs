@@ -11,5 +11,6 @@ pub mod search;
 pub mod select;
 pub mod settings;
 pub mod shard;
+pub mod simulated;
 pub mod space;
 pub mod table2;

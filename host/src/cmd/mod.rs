@@ -19,6 +19,7 @@ pub mod list;
 pub mod log;
 pub mod man;
 pub mod monitor;
+pub mod optimise;
 pub mod rec;
 pub mod reset;
 pub mod run;
@@ -70,6 +71,7 @@ commands! {
     Bus => bus,
     Gait => gait,
     Rec => rec,
+    Optimise => optimise,
     Completions => completions,
     Man => man,
     Config => config,

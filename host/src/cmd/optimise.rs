@@ -1,0 +1,311 @@
+//! `rb-host optimise`
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use clap::{Args as ClapArgs, Subcommand, ValueEnum};
+use files::model::Key;
+use optimise::search::{GaitTrials, Search};
+use optimise::select::{Chosen, select};
+use optimise::settings::SearchSettings;
+use optimise::simulated::Simulated;
+use serde_json::json;
+
+use crate::cli::parse_duration;
+use crate::context::Context;
+use crate::failure::{Exit, Failure, Outcome};
+use crate::interrupt;
+use crate::searching::curve;
+use crate::searching::folder::Folder;
+
+/// Search gaits by particle swarm in the simulator
+#[derive(Debug, ClapArgs)]
+pub struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Find gaits: a swarm over amplitudes, offsets and phase lags; ends with a varied selection as gait files
+    Gait(GaitArgs),
+}
+
+#[derive(Debug, ClapArgs)]
+struct GaitArgs {
+    /// Search settings (optimise.toml); absent values are the paper's
+    #[arg(short = 's', long, value_name = "FILE")]
+    settings: Option<PathBuf>,
+    /// Robot model and effects; the shipped hand-tuned model when absent
+    #[arg(short, long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// Folder for checkpoint, curve and found gaits
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Go on with the search in the folder; settings are those it was started with
+    #[arg(long)]
+    resume: bool,
+    /// Particles [default: 300]
+    #[arg(long, value_name = "N")]
+    particles: Option<usize>,
+    /// Iterations [default: 200]
+    #[arg(long, value_name = "N")]
+    iterations: Option<u32>,
+    /// Seed of everything random [default: 1]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Threads; the result does not depend on it [default: all cores]
+    #[arg(short = 'j', long, value_name = "N")]
+    threads: Option<usize>,
+    /// Where trials run
+    #[arg(long, value_enum, default_value_t = Engine::Local)]
+    engine: Engine,
+    /// Stop after this time with a checkpoint
+    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    time_limit: Option<Duration>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum Engine {
+    /// Threads of this process
+    Local,
+    /// Processes started by mpirun or srun (needs a build with the feature `mpi`)
+    Mpi,
+}
+
+/// Runs the search.
+///
+/// # Errors
+/// Exit codes 2 and 3 for arguments and files, 130 when interrupted (the checkpoint is written).
+pub fn run(args: &Args, context: &Context) -> Outcome {
+    match &args.what {
+        What::Gait(args) => search_gaits(args, context),
+    }
+}
+
+fn search_gaits(args: &GaitArgs, context: &Context) -> Outcome {
+    let settings = gather_settings(args)?;
+    if let Some(threads) = args.threads {
+        // Fails only when a pool exists already, and then the searches still agree to the bit.
+        let _ = rayon::ThreadPoolBuilder::new()
+            .num_threads(threads)
+            .build_global();
+    }
+    let model = crate::model_file::load(args.model.as_deref())?;
+    let trials = Simulated::new(&model, settings.space.duration_s, settings.seed)
+        .map_err(|error| Failure::new(Exit::BadFile, error))?;
+    let impact_limit_m_s = model.value(Key::ImpactLimit) as f32;
+    match args.engine {
+        Engine::Local => drive(args, &settings, impact_limit_m_s, &trials, true, context),
+        Engine::Mpi => search_over_processes(args, &settings, impact_limit_m_s, trials, context),
+    }
+}
+
+#[cfg(feature = "mpi")]
+fn search_over_processes(
+    args: &GaitArgs,
+    settings: &SearchSettings,
+    impact_limit_m_s: f32,
+    trials: Simulated,
+    context: &Context,
+) -> Outcome {
+    let world = crate::searching::mpi_engine::World::join()
+        .ok_or_else(|| Failure::say(Exit::Other, "MPI was already joined in this process"))?;
+    let trials = optimise::shard::Sharded::new(trials, world);
+    let first = trials.is_first();
+    drive(args, settings, impact_limit_m_s, &trials, first, context)
+}
+
+#[cfg(not(feature = "mpi"))]
+fn search_over_processes(
+    _: &GaitArgs,
+    _: &SearchSettings,
+    _: f32,
+    _: Simulated,
+    _: &Context,
+) -> Outcome {
+    Err(Failure::say(Exit::Usage, "this rb-host was built without MPI")
+        .hint("build it with `cargo build --release -p host --features mpi` (needs OpenMPI and libclang)"))
+}
+
+/// Iterates, stores and reports. Only the first of several processes writes and speaks.
+fn drive(
+    args: &GaitArgs,
+    settings: &SearchSettings,
+    impact_limit_m_s: f32,
+    trials: &impl GaitTrials,
+    first: bool,
+    context: &Context,
+) -> Outcome {
+    let folder = if first {
+        Some(Folder::open(&args.output, args.resume)?)
+    } else {
+        None
+    };
+    let mut search = if args.resume {
+        Folder::open(&args.output, true)?.restore::<Search>()?
+    } else {
+        Search::start(
+            settings.space.clone(),
+            settings.score,
+            impact_limit_m_s,
+            settings.particles,
+            settings.seed,
+        )
+        .map_err(|error| Failure::new(Exit::Usage, error))?
+    };
+    let begun = Instant::now();
+    let bar = first.then(|| {
+        context
+            .out
+            .progress(u64::from(settings.iterations), "searching")
+    });
+    let mut interrupted = false;
+    while search.swarm().iteration() < settings.iterations {
+        if interrupt::pressed()
+            || args
+                .time_limit
+                .is_some_and(|limit| begun.elapsed() >= limit)
+        {
+            interrupted = true;
+            break;
+        }
+        search.iterate(trials);
+        if let Some(folder) = &folder {
+            folder.store(&search)?;
+        }
+        if let Some(bar) = &bar {
+            bar.set_position(u64::from(search.swarm().iteration()));
+            let best = search.swarm().best().map_or(0.0, |best| best.fitness);
+            bar.set_message(format!("best {:.2} cm/s", best * 100.0));
+        }
+    }
+    if let Some(bar) = bar {
+        bar.finish_and_clear();
+    }
+    let Some(folder) = folder else { return Ok(()) };
+    report(&search, settings, &folder, begun.elapsed(), context)?;
+    if interrupted {
+        let message = format!(
+            "stopped after iteration {}; the checkpoint is written",
+            search.swarm().iteration()
+        );
+        let hint = format!(
+            "go on with `rb-host optimise gait --resume -o {}`",
+            args.output.display()
+        );
+        return Err(Failure::say(Exit::Interrupted, message).hint(hint));
+    }
+    Ok(())
+}
+
+fn report(
+    search: &Search,
+    settings: &SearchSettings,
+    folder: &Folder,
+    wall: Duration,
+    context: &Context,
+) -> Outcome {
+    let history: Vec<f64> = search
+        .swarm()
+        .history()
+        .iter()
+        .map(|best| best.fitness)
+        .collect();
+    let curve: String = history
+        .iter()
+        .enumerate()
+        .map(|(i, f)| format!("{i},{f}\n"))
+        .collect();
+    folder.write(
+        "curve.csv",
+        format!("iteration,best_fitness_m_s\n{curve}").as_bytes(),
+    )?;
+    let drawn = curve::svg("Best fitness of the swarm", "fitness [m/s]", &history);
+    folder.write("curve.svg", drawn.as_bytes())?;
+    let chosen = select(search.space(), search.archive(), &settings.select);
+    let mut table = String::new();
+    for (k, gait) in chosen.iter().enumerate() {
+        let name = format!("g{:02}", k + 1);
+        let file = search
+            .space()
+            .gait(&gait.found.position, &name)
+            .map_err(|error| Failure::say(Exit::Other, format!("gait {name}: {error}")))?;
+        folder.write(
+            &format!("gaits/{name}.toml"),
+            files::gait::to_toml(&file).as_bytes(),
+        )?;
+        table.push_str(&row(&name, gait));
+    }
+    let selection = serde_json::to_vec_pretty(&chosen).map_err(anyhow::Error::from)?;
+    folder.write("selection.json", &selection)?;
+    let counts = search.counts();
+    let best = search.swarm().best().map_or(0.0, |best| best.fitness);
+    let value = json!({
+        "iterations": search.swarm().iteration(), "best_fitness_m_s": best, "gaits": chosen, "wall_s": wall.as_secs_f64(),
+        "trials": counts.trials, "collided": counts.collisions, "too_hard": counts.impacts, "failed": counts.failures,
+    });
+    context.out.result("rb.optimise_gait/1", value, || {
+        format!(
+            "{} iterations, {} trials in {:.1} s; refused: {} for collision, {} for impact, {} for a lost number\n\
+             gait  fitness  speed   deviation  impact  difference  chosen as\n\
+                    [cm/s]  [cm/s]       [cm]   [m/s]\n{table}",
+            search.swarm().iteration(),
+            counts.trials,
+            wall.as_secs_f64(),
+            counts.collisions,
+            counts.impacts,
+            counts.failures,
+        )
+    });
+    Ok(())
+}
+
+fn row(name: &str, gait: &Chosen) -> String {
+    let score = &gait.found.score;
+    let difference = gait
+        .difference
+        .map_or_else(|| "-".to_owned(), |d| format!("{d:.3}"));
+    let set = if gait.training { "training" } else { "test" };
+    format!(
+        "{name}   {:7.2} {:7.2} {:10.2} {:7.2} {difference:>11}  {:?}, {set}\n",
+        score.fitness * 100.0,
+        score.speed_m_s * 100.0,
+        score.deviation_m * 100.0,
+        score.impact_m_s,
+        gait.why,
+    )
+}
+
+/// File, then flags.
+fn gather_settings(args: &GaitArgs) -> Outcome<SearchSettings> {
+    let mut settings = match &args.settings {
+        Some(path) => read_settings(path)?,
+        None => SearchSettings::default(),
+    };
+    if let Some(particles) = args.particles {
+        settings.particles = particles;
+    }
+    if let Some(iterations) = args.iterations {
+        settings.iterations = iterations;
+    }
+    if let Some(seed) = args.seed {
+        settings.seed = seed;
+    }
+    settings
+        .check()
+        .map_err(|error| Failure::new(Exit::Usage, error))?;
+    Ok(settings)
+}
+
+fn read_settings(path: &Path) -> Outcome<SearchSettings> {
+    let shown = path.display();
+    let text = std::fs::read_to_string(path)
+        .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
+    let settings: SearchSettings = toml::from_str(&text)
+        .map_err(|error| Failure::say(Exit::BadFile, format!("{shown}: {error}")))?;
+    settings
+        .check()
+        .map_err(|error| Failure::say(Exit::BadFile, format!("{shown}: {error}")))?;
+    Ok(settings)
+}

@@ -1,0 +1,213 @@
+//! Trials on the body simulator, spread over threads by whole groups of lanes.
+
+use crate::meta::{Motion, MotionJob, MotionTrials};
+use crate::score::TrialOutcome;
+use crate::search::{GaitJob, GaitTrials};
+use control::kinematics;
+use control::linalg::{Pose, Rot3, Vec3};
+use control::robot::{BODIES, JOINTS, RobotModel};
+use files::model::{Key, Model, ModelError};
+use physics::{Drive, Level, Options, Outcome, Params, ParamsError, Start, Trial};
+use rand_chacha::rand_core::Rng;
+use rayon::prelude::*;
+use std::sync::Arc;
+use swarm::{Purpose, stream};
+
+/// Points per second of a searched gait's path; twice the highest harmonic worth comparing at 0.2 Hz gaits.
+const PATH_RATE_HZ: f64 = 2.0;
+/// Frames per second of a motion; the paper's camera.
+const FILM_RATE_HZ: f64 = 30.0;
+
+/// Trials of one model with noise on the CPG outputs.
+#[derive(Clone, Debug)]
+pub struct Simulated {
+    params: Arc<Params>,
+    options: Options,
+    noise_rad: f64,
+    duration_s: f64,
+    seed: u64,
+}
+
+impl Simulated {
+    /// Trials of `duration_s` on `model`, noise from the model's `cpg_noise_rad`, streams named under `seed`.
+    ///
+    /// # Errors
+    /// When the model cannot be simulated.
+    pub fn new(model: &Model, duration_s: f32, seed: u64) -> Result<Self, ParamsError> {
+        Ok(Self {
+            params: Arc::new(Params::try_from(model)?),
+            options: Options {
+                sample_rate_hz: PATH_RATE_HZ,
+                stop_on_collision: true,
+                ..Options::default()
+            },
+            noise_rad: model.value(Key::CpgNoise),
+            duration_s: duration_s.into(),
+            seed,
+        })
+    }
+
+    fn trial(&self, job: &GaitJob<'_>) -> Trial {
+        let purpose = Purpose::Noise(job.repetition);
+        Trial {
+            params: Arc::clone(&self.params),
+            start: Start::Home,
+            drive: Drive::Gait {
+                gait: job.gait.clone(),
+                noise_rad: self.noise_rad,
+                seed: stream(self.seed, job.iteration, job.particle, purpose).next_u64(),
+            },
+            duration_s: self.duration_s,
+        }
+    }
+}
+
+impl GaitTrials for Simulated {
+    fn run(&self, jobs: &[GaitJob<'_>]) -> Vec<TrialOutcome> {
+        let trials: Vec<Trial> = jobs.iter().map(|job| self.trial(job)).collect();
+        run_all(&trials, &self.options)
+            .into_iter()
+            .map(outcome)
+            .collect()
+    }
+}
+
+fn outcome(outcome: Outcome) -> TrialOutcome {
+    TrialOutcome {
+        path_m: outcome
+            .poses
+            .iter()
+            .map(|pose| [pose.position_m[0], pose.position_m[1]])
+            .collect(),
+        period_s: (1.0 / PATH_RATE_HZ) as f32,
+        collided: outcome.collided_at_s.is_some(),
+        impact_m_s: outcome.impact_m_s as f32,
+        failed_at_step: outcome.not_finite.map(|lost| lost.step),
+    }
+}
+
+/// Motions for films: every job its own parameters, no noise.
+#[derive(Clone, Debug)]
+pub struct SimulatedMotions {
+    model: Model,
+    robot: RobotModel,
+    options: Options,
+    duration_s: f64,
+}
+
+impl SimulatedMotions {
+    /// Motions of `duration_s` on `model` with the rows of Table II replaced per job.
+    #[must_use]
+    pub fn new(model: &Model, robot: RobotModel, duration_s: f64) -> Self {
+        let options = Options {
+            sample_rate_hz: FILM_RATE_HZ,
+            record_angles: true,
+            ..Options::default()
+        };
+        Self {
+            model: model.clone(),
+            robot,
+            options,
+            duration_s,
+        }
+    }
+
+    /// The model with these values in the rows of Table II.
+    ///
+    /// # Errors
+    /// When a value is outside what a model may hold.
+    pub fn model_with(&self, rows: &[f64]) -> Result<Model, ModelError> {
+        let mut model = self.model.clone();
+        for (key, value) in Key::TABLE_II.iter().zip(rows) {
+            model.set(*key, *value)?;
+        }
+        Ok(model)
+    }
+
+    fn trial(&self, job: &MotionJob<'_>) -> Option<Trial> {
+        let model = self.model_with(job.parameters).ok()?;
+        Some(Trial {
+            params: Arc::new(Params::try_from(&model).ok()?),
+            start: Start::Home,
+            drive: Drive::Gait {
+                gait: job.gait.clone(),
+                noise_rad: 0.0,
+                seed: 0,
+            },
+            duration_s: self.duration_s,
+        })
+    }
+
+    /// Body poses of every recorded sample.
+    fn motion(&self, outcome: &Outcome) -> Option<Motion> {
+        if outcome.not_finite.is_some() {
+            return None;
+        }
+        let samples = outcome
+            .poses
+            .iter()
+            .zip(outcome.angles_rad.as_chunks::<JOINTS>().0);
+        Some(
+            samples
+                .map(|(base, angles)| self.bodies(base, angles))
+                .collect(),
+        )
+    }
+
+    fn bodies(&self, base: &physics::Pose, angles_rad: &[f32; JOINTS]) -> [Pose; BODIES] {
+        let [x, y, z] = base.position_m;
+        let base = Pose {
+            position_m: Vec3::new(x, y, z),
+            rotation: rotation(base.quaternion),
+        };
+        *kinematics::forward(&self.robot, angles_rad)
+            .rebased(3, &base)
+            .bodies()
+    }
+}
+
+impl MotionTrials for SimulatedMotions {
+    fn rate_hz(&self) -> f64 {
+        FILM_RATE_HZ
+    }
+
+    fn run(&self, jobs: &[MotionJob<'_>]) -> Vec<Option<Motion>> {
+        let trials: Vec<Option<Trial>> = jobs.iter().map(|job| self.trial(job)).collect();
+        let possible: Vec<Trial> = trials.iter().flatten().cloned().collect();
+        let mut outcomes = run_all(&possible, &self.options).into_iter();
+        let next = |trial: &Option<Trial>| {
+            trial.as_ref()?;
+            self.motion(&outcomes.next()?)
+        };
+        trials.iter().map(next).collect()
+    }
+}
+
+/// All trials in order; groups of lanes go to the threads of the current pool.
+fn run_all(trials: &[Trial], options: &Options) -> Vec<Outcome> {
+    let lanes = Level::detect().lanes();
+    // Settings are ours and gaits have the robot's joints, so a refusal means a structure without outcomes: none are given.
+    let run = |group: &[Trial]| physics::run(group, options).unwrap_or_default();
+    trials.par_chunks(lanes).flat_map_iter(run).collect()
+}
+
+/// Rotation matrix of a unit quaternion, w first.
+fn rotation([w, x, y, z]: [f32; 4]) -> Rot3 {
+    Rot3 {
+        x: Vec3::new(
+            1.0 - 2.0 * (y * y + z * z),
+            2.0 * (x * y + w * z),
+            2.0 * (x * z - w * y),
+        ),
+        y: Vec3::new(
+            2.0 * (x * y - w * z),
+            1.0 - 2.0 * (x * x + z * z),
+            2.0 * (y * z + w * x),
+        ),
+        z: Vec3::new(
+            2.0 * (x * z + w * y),
+            2.0 * (y * z - w * x),
+            1.0 - 2.0 * (x * x + y * y),
+        ),
+    }
+}
