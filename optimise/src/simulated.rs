@@ -53,7 +53,7 @@ impl Simulated {
             params: Arc::clone(&self.params),
             start: Start::Home,
             drive: Drive::Gait {
-                gait: job.gait.clone(),
+                gait: Arc::new(job.gait.clone()),
                 noise_rad: self.noise_rad,
                 seed: stream(self.seed, job.iteration, job.particle, purpose).next_u64(),
             },
@@ -130,7 +130,7 @@ impl SimulatedMotions {
             params: Arc::new(Params::try_from(&model).ok()?),
             start: Start::Home,
             drive: Drive::Gait {
-                gait: job.gait.clone(),
+                gait: Arc::new(job.gait.clone()),
                 noise_rad: 0.0,
                 seed: 0,
             },
