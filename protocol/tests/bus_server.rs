@@ -527,3 +527,22 @@ fn what_is_found_late_is_never_answered() {
     stream.extend_from_slice(&[0x55; 20]);
     assert!(bus.exchange(&stream).is_empty());
 }
+
+#[test]
+fn a_common_answer_that_stopped_does_not_swallow_the_next_request() {
+    let mut server = DriverServer::new(BYTE_NS);
+    let mut driver = Driver::new(2);
+    let mut now_ns = 0;
+    // Driver 1 is missing, and nobody polls.
+    for &byte in Request::fast_feedback(&[1, 2]).unwrap().bytes() {
+        now_ns += BYTE_NS;
+        assert_eq!(server.push(byte, now_ns, &mut driver), None);
+    }
+    now_ns += 1_000_000;
+    let mut replies = 0;
+    for &byte in Request::ping(2).unwrap().bytes() {
+        now_ns += BYTE_NS;
+        replies += u32::from(server.push(byte, now_ns, &mut driver).is_some());
+    }
+    assert_eq!(replies, 1);
+}

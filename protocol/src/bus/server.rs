@@ -130,6 +130,10 @@ impl DriverServer {
             self.parser.clear();
         }
         self.last_byte_ns = now_ns;
+        // A common answer that stopped: this byte belongs to something new.
+        if matches!(self.turn, Some(Turn::Fast { deadline_ns, .. }) if deadline_ns < now_ns) {
+            self.turn = None;
+        }
         if let Some(Turn::Fast { .. }) = self.turn {
             return self.hear_fast(byte, now_ns, handler);
         }

@@ -482,3 +482,33 @@ fn unasked_messages_carry_their_own_count() {
         );
     }
 }
+
+/// An attacker has recorded everything the host ever sent and plays it again, mixed, in the same boot and in later ones, with a challenge open.
+#[test]
+fn replayed_sessions_move_nothing() {
+    let mut recorded = Vec::new();
+    let mut rng = Rng(0xA77A_C4E5);
+    for boot in 0..40 {
+        let mut session = Session::boot(Port::Radio, Some(KEY), BOOT + boot);
+        session.robot.nonces = boot as u8 * 6;
+        for message in orders().into_iter().take(5) {
+            let nonce = session.nonce();
+            let bytes = session.bytes(&message, Some((&KEY, &nonce)));
+            session.send(&bytes);
+            recorded.push(bytes);
+        }
+        assert_eq!(session.robot.calls.len(), 5);
+        session.robot.calls.clear();
+        session.nonce();
+        for _ in 0..500 {
+            session.send(&recorded[rng.below(recorded.len())]);
+        }
+        let moved: Vec<_> = session
+            .robot
+            .calls
+            .iter()
+            .filter(|call| !call.starts_with("bad tag"))
+            .collect();
+        assert!(moved.is_empty(), "boot {boot}: {moved:?}");
+    }
+}

@@ -9,6 +9,7 @@ use protocol::link::*;
 #[derive(Default)]
 pub struct Robot {
     pub key: Option<Key>,
+    pub boot_id: u32,
     pub nonces: u8,
     pub calls: Vec<String>,
     pub pending: bool,
@@ -28,7 +29,10 @@ impl Robot {
 
 impl ModuleHandler for Robot {
     fn hello(&mut self) -> Hello {
-        hello()
+        Hello {
+            boot_id: self.boot_id,
+            ..hello()
+        }
     }
     fn info(&mut self) -> Info {
         info()
@@ -142,17 +146,22 @@ pub struct Session {
 
 impl Session {
     pub fn new(port: Port, key: Option<Key>) -> Self {
+        Self::boot(port, key, BOOT)
+    }
+
+    pub fn boot(port: Port, key: Option<Key>, boot_id: u32) -> Self {
         let mut session = Self {
             robot: Robot {
                 key,
+                boot_id,
                 ..Robot::default()
             },
-            server: Server::new(port, ROBOT, BOOT),
+            server: Server::new(port, ROBOT, boot_id),
             host: Client::new(0xFFFE),
         };
         let answer = session.ask(&ToModule::Hello { protocol: VERSION }, None);
-        assert_eq!(answer, FromModule::Hello(hello()));
-        assert_eq!(session.host.boot_id(), BOOT);
+        assert!(matches!(answer, FromModule::Hello(_)));
+        assert_eq!(session.host.boot_id(), boot_id);
         session
     }
 
