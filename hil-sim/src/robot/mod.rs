@@ -15,6 +15,7 @@ pub mod flash;
 pub mod host;
 pub mod ideal;
 pub mod link;
+pub mod serve;
 pub mod wire;
 
 use board::{BoardOfOneBoot, EmulatedBoard};

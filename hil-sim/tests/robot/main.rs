@@ -5,4 +5,5 @@ mod faults;
 mod orders;
 mod run;
 mod security;
+mod serve;
 mod upload;
