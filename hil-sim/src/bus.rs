@@ -175,6 +175,24 @@ impl Bus {
         self.in_flight.iter().map(|byte| byte.end_ns).min()
     }
 
+    /// Every byte on its way to the master, in order of time, as it will arrive if nobody else starts to talk.
+    #[must_use]
+    pub fn towards_master(&self) -> Vec<Delivery> {
+        let mut bytes: Vec<_> = self
+            .in_flight
+            .iter()
+            .filter(|byte| byte.from != Talker::Master || self.params.echo)
+            .map(|byte| Delivery {
+                at_ns: byte.end_ns,
+                from: byte.from,
+                byte: byte.byte,
+                clean: byte.clean,
+            })
+            .collect();
+        bytes.sort_by_key(|byte| (byte.at_ns, byte.from));
+        bytes
+    }
+
     /// Takes the next byte that has fully passed by `until_ns`.
     pub fn deliver(&mut self, until_ns: u64) -> Option<Delivery> {
         let at = self

@@ -47,13 +47,29 @@ impl<M: MotorBus> BusPeer for Motors<M> {
 
     fn arrivals(&mut self, into: &mut Vec<(u8, u64)>) {
         let now_ns = self.now_ns;
-        into.extend(self.received.drain(..).map(|received| match received {
-            Received::Byte(byte) => (byte, now_ns),
-            Received::Spoiled => (SPOILED, now_ns),
-        }));
+        match self.motors.wire() {
+            // What has been received was announced while it was on the wire.
+            Some(bus) => {
+                self.received.clear();
+                let coming = bus.towards_master().into_iter();
+                into.extend(
+                    coming
+                        .filter(|byte| byte.at_ns > now_ns)
+                        .map(|byte| (if byte.clean { byte.byte } else { SPOILED }, byte.at_ns)),
+                );
+            }
+            None => into.extend(self.received.drain(..).map(|received| match received {
+                Received::Byte(byte) => (byte, now_ns),
+                Received::Spoiled => (SPOILED, now_ns),
+            })),
+        }
     }
 
     fn next_event_ns(&self) -> Option<u64> {
-        self.motors.next_event_ns()
+        let last = self
+            .motors
+            .wire()
+            .and_then(|bus| bus.towards_master().last().map(|byte| byte.at_ns));
+        last.or_else(|| self.motors.next_event_ns())
     }
 }

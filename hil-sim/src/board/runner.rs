@@ -17,8 +17,8 @@ use super::wire::{Cause, Order, Poke, Port, RegionCount, Report, TimedByte, WIRE
 
 /// Guest time of one instruction as QEMU's `-icount shift`: 16 ns, that is 62.5 MIPS or 1.28 cycles each at 80 MHz.
 const ICOUNT_SHIFT: u32 = 4;
-/// Longest guest time without an exchange, so that a driver that talks unasked is heard.
-const HORIZON_NS: u64 = 5_000_000;
+/// Longest guest time without an exchange, so that a run that is to be stopped does not run far ahead.
+const HORIZON_NS: u64 = 25_000_000;
 /// Battery voltage 7.6 V (2 cells) through the board's divider 10/43 into 3.3 V at 12 bit.
 pub const BATTERY_FULL_SAMPLE: u16 = 2193;
 /// How long the runner sleeps between two looks whether QEMU has connected or died.
@@ -32,7 +32,8 @@ pub trait BusPeer {
     /// Lets time pass up to `now_ns`.
     fn advance_to(&mut self, now_ns: u64);
 
-    /// Takes the bytes for the board that are due at the present time or later: value and end of the stop bit.
+    /// Every byte for the board that is due at the present time or later: value and end of the stop bit, in order of
+    /// time. Asked after every exchange; the answer replaces the one before.
     fn arrivals(&mut self, into: &mut Vec<(u8, u64)>);
 
     /// When something will happen by itself: a byte arrives, a driver gives up waiting.
@@ -445,7 +446,7 @@ impl<B: BusPeer> BoardRunner<B> {
         let now = self.now_ns();
         let mut arrivals = Vec::new();
         self.bus.arrivals(&mut arrivals);
-        self.arriving.retain(|byte| byte.end_ns > now);
+        self.arriving.clear();
         self.arriving
             .extend(arrivals.into_iter().map(|(byte, end_ns)| TimedByte {
                 port: Port::Bus,

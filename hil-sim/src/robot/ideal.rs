@@ -370,4 +370,8 @@ impl MotorBus for IdealMotors {
             .filter(|at| *at > self.now_ns)
             .min()
     }
+
+    fn wire(&self) -> Option<&Bus> {
+        (self.drop_every == 0 && !self.babbling).then_some(&self.bus)
+    }
 }

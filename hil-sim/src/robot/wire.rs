@@ -1,6 +1,7 @@
 //! The robot's end of the motor bus: the firmware's `BusPort` over whatever plays the drivers.
 
 use super::executor::VirtualClock;
+use crate::bus::Bus;
 use crate::world::World;
 use firmware::ports::{BusPort, Clock, PortError};
 use std::cell::RefCell;
@@ -22,6 +23,12 @@ pub trait MotorBus {
 
     /// When the next byte passes the wire, if one is on its way, ns.
     fn next_event_ns(&self) -> Option<u64>;
+
+    /// The wire itself, if what is on it arrives as it is: a look ahead for a master that cannot ask at every byte.
+    /// `None` while something may still change or swallow bytes.
+    fn wire(&self) -> Option<&Bus> {
+        None
+    }
 }
 
 /// One byte as the UART sees it.
@@ -56,6 +63,10 @@ impl MotorBus for World {
 
     fn next_event_ns(&self) -> Option<u64> {
         World::next_event_ns(self)
+    }
+
+    fn wire(&self) -> Option<&Bus> {
+        self.undisturbed_bus()
     }
 }
 

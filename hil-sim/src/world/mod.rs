@@ -173,6 +173,12 @@ impl World {
         self.bus.counters()
     }
 
+    /// The bus, if no fault can change what is on it.
+    #[must_use]
+    pub fn undisturbed_bus(&self) -> Option<&Bus> {
+        self.faults.is_empty().then_some(&self.bus)
+    }
+
     /// How often each fault struck, in the order of [`WorldParams::faults`].
     #[must_use]
     pub fn fault_counts(&self) -> Vec<FaultCount> {
