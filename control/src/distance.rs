@@ -5,8 +5,9 @@ use crate::geometry::{EndCubes, FlatShape};
 use crate::linalg::Vec3;
 use crate::math;
 
-/// Iterations of the search; each one costs two support points. The mean is about 5, the rest is for near-parallel flats.
-const MAX_ITERATIONS: usize = 12;
+/// Iterations of the search; each one costs two support points. 3 are the mean for near cubes; 8 leave the bound at most 1.6 mm short
+/// (near-parallel flats), 12 would leave 0.6 mm.
+const MAX_ITERATIONS: usize = 8;
 /// The search ends when lower and upper bound are this close, m.
 const TOLERANCE_M: f32 = 1e-4;
 
@@ -22,8 +23,13 @@ pub(crate) struct Separation {
 }
 
 /// The best separation found in [`MAX_ITERATIONS`] (Gilbert, Johnson, Keerthi), ended early once the distance is known to be
-/// below `give_up_m`.
-pub(crate) fn separation(shape: &FlatShape, cubes: &EndCubes, give_up_m: f32) -> Separation {
+/// below `give_up_m` or certified to be at least `enough_m`.
+pub(crate) fn separation(
+    shape: &FlatShape,
+    cubes: &EndCubes,
+    give_up_m: f32,
+    enough_m: f32,
+) -> Separation {
     let span = cubes.last.centre_m - cubes.first.centre_m;
     let mut x = span;
     let mut simplex = Simplex::empty();
@@ -33,19 +39,34 @@ pub(crate) fn separation(shape: &FlatShape, cubes: &EndCubes, give_up_m: f32) ->
         upper_m: f32::INFINITY,
     };
     for _ in 0..MAX_ITERATIONS {
-        let length = x.norm();
+        let (length, v) = unit(x);
         best.upper_m = best.upper_m.min(length);
         if length < 1e-6 || best.upper_m < give_up_m {
             break;
         }
-        let v = x * (1.0 / length);
-        let w = span + cubes.last.support_m(shape, -v) - cubes.first.support_m(shape, v);
+        let flats = (
+            cubes.first.active_flat(shape, v),
+            cubes.last.active_flat(shape, -v),
+        );
+        if let (None, None) = flats
+            && simplex.len == 0
+        {
+            // Along the line of centres both show the ball: then the gap of the balls is the distance.
+            let gap = length - 2.0 * shape.ball_m;
+            return Separation {
+                direction: v,
+                lower_m: gap,
+                upper_m: gap,
+            };
+        }
+        let nearest = shape.support_m(flats.0.as_ref(), v);
+        let w = span + shape.support_m(flats.1.as_ref(), -v) - nearest;
         let lower = v.dot(w);
         if lower > best.lower_m {
             best.lower_m = lower;
             best.direction = v;
         }
-        if length - best.lower_m < TOLERANCE_M {
+        if length - best.lower_m < TOLERANCE_M || best.lower_m >= enough_m {
             break;
         }
         x = simplex.add_and_reduce(w);
@@ -180,9 +201,10 @@ fn nearest_on_new_faces(w: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Nearest {
 
 /// Length of a vector and its unit vector; x for the zero vector.
 pub(crate) fn unit(v: Vec3) -> (f32, Vec3) {
-    let length = math::sqrt(v.norm_squared());
-    if length > 1e-9 {
-        (length, v * (1.0 / length))
+    let squared = v.norm_squared();
+    let inverse = math::inverse_sqrt(squared);
+    if squared > 1e-18 {
+        (squared * inverse, v * inverse)
     } else {
         (0.0, Vec3::new(1.0, 0.0, 0.0))
     }

@@ -121,56 +121,50 @@ pub(crate) struct Cube {
 }
 
 impl Cube {
-    /// The flat whose cone holds the unit direction `v`, if there is one.
+    /// The flat whose cone holds the unit direction `v`, if there is one. It lies on the side of the cut that `v` points to.
     pub(crate) fn active_flat(&self, shape: &FlatShape, v: Vec3) -> Option<ActiveFlat> {
-        let of = |normal: Vec3, cos: f32, proximal| {
-            let cos = cos.min(1.0);
-            ActiveFlat {
-                normal,
-                cos,
-                sin: math::sqrt((1.0 - cos * cos).max(0.0)),
-                proximal,
-            }
+        let proximal = self.proximal_side(v);
+        let (half, sign) = if proximal {
+            (&self.proximal, -1.0)
+        } else {
+            (&self.distal, 1.0)
         };
-        for axis in [self.distal.x, self.distal.y, self.distal.z] {
-            let cos = axis.dot(v);
+        for axis in [half.x, half.y, half.z] {
+            let cos = sign * axis.dot(v);
             if cos > shape.cos_rim {
-                return Some(of(axis, cos, false));
-            }
-        }
-        for axis in [self.proximal.x, self.proximal.y, self.proximal.z] {
-            let cos = -axis.dot(v);
-            if cos > shape.cos_rim {
-                return Some(of(-axis, cos, true));
+                let cos = cos.min(1.0);
+                let sin_squared = (1.0 - cos * cos).max(0.0);
+                let sin = sin_squared * math::inverse_sqrt(sin_squared);
+                return Some(ActiveFlat {
+                    normal: axis * sign,
+                    cos,
+                    sin,
+                    proximal,
+                });
             }
         }
         None
     }
 
-    /// Point of the cube furthest along the unit vector `v`, relative to the centre, m.
-    pub(crate) fn support_m(&self, shape: &FlatShape, v: Vec3) -> Vec3 {
-        match self.active_flat(shape, v) {
-            None => v * shape.ball_m,
-            Some(flat) => {
-                let centre = flat.normal * shape.height_m;
-                if flat.sin > 1e-6 {
-                    let outward = v - flat.normal * flat.cos;
-                    centre + outward * (shape.rim_m / flat.sin)
-                } else {
-                    centre
-                }
-            }
-        }
+    /// Whether the direction `v` points to the proximal side of the cut; both halves carry the same diagonal.
+    pub(crate) fn proximal_side(&self, v: Vec3) -> bool {
+        let distal = &self.distal;
+        (distal.x + distal.y + distal.z).dot(v) < 0.0
     }
+}
 
-    /// Whether the furthest point along `v` lies on the proximal half.
-    pub(crate) fn proximal_along(&self, shape: &FlatShape, v: Vec3) -> bool {
-        match self.active_flat(shape, v) {
-            Some(flat) => flat.proximal,
-            None => {
-                let distal = &self.distal;
-                (distal.x + distal.y + distal.z).dot(v) < 0.0
-            }
+impl FlatShape {
+    /// Point of a cube furthest along the unit vector `v`, relative to its centre, m; `flat` is the one active along `v`.
+    pub(crate) fn support_m(&self, flat: Option<&ActiveFlat>, v: Vec3) -> Vec3 {
+        let Some(flat) = flat else {
+            return v * self.ball_m;
+        };
+        // The rim point: h n + rim (v - n cos) / sin.
+        if flat.sin > 1e-6 {
+            let along = self.rim_m / flat.sin;
+            v * along + flat.normal * (self.height_m - flat.cos * along)
+        } else {
+            flat.normal * self.height_m
         }
     }
 }
@@ -200,7 +194,7 @@ pub(crate) struct EndCubes {
     pub(crate) last: Cube,
 }
 
-/// Centres of C1 and C4 in the frame of body 3 with the rotations of bodies 2 and 4.
+/// Centres of C1 and C4 in the frame of body 3 with the cube axes as carried by bodies 2 and 4.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Arms {
     pub(crate) first_m: Vec3,
@@ -212,10 +206,10 @@ pub(crate) struct Arms {
 impl Arms {
     /// Depends on A.M2 and B.M0 alone.
     pub(crate) fn at(model: &RobotModel, q_am2: f32, q_bm0: f32) -> Arms {
-        let [_, _, axis_a, axis_b, _, _] = *model.axes();
         let s = model.cube_m();
-        let body2 = Rot3::about(axis_a, -q_am2);
-        let body4 = Rot3::about(axis_b, q_bm0);
+        let body2 = Rot3::IDENTITY.turned_about_diagonal(-q_am2);
+        // In the twisted frame of module B its diagonal is (1,1,1)/sqrt 3 too.
+        let body4 = model.twist().turned_about_diagonal(q_bm0);
         let first_m = Vec3::new(-0.5 * s, 0.0, 0.0) - body2.x * s;
         let last_m = Vec3::new(0.5 * s, 0.0, 0.0) + body4.x * s;
         Arms {
@@ -242,15 +236,12 @@ impl Arms {
     }
 
     /// The two end cubes with all their flats; the other four joints only turn the flats.
-    pub(crate) fn end_cubes(&self, model: &RobotModel, q_rad: &[f32; 6]) -> EndCubes {
-        let [axis_a, x, _, _, _, axis_b] = *model.axes();
+    pub(crate) fn end_cubes(&self, q_rad: &[f32; 6]) -> EndCubes {
         let [q0, q1, _, _, q4, q5] = *q_rad;
-        let body1 = self.body2.then_outer(&Rot3::about(x, -q1));
-        let body0 = body1.then_outer(&Rot3::about(axis_a, -q0));
-        let body5 = self.body4.then_outer(&Rot3::about(x, q4));
-        let body6 = body5.then_outer(&Rot3::about(axis_b, q5));
-        // The cubes of module B carry the twist.
-        let turned = |body: &Rot3| body.then_outer(model.twist());
+        let body1 = self.body2.turned_about_x(-q1);
+        let body0 = body1.turned_about_diagonal(-q0);
+        let body5 = self.body4.turned_about_x(q4);
+        let body6 = body5.turned_about_diagonal(q5);
         EndCubes {
             first: Cube {
                 centre_m: self.first_m,
@@ -259,8 +250,8 @@ impl Arms {
             },
             last: Cube {
                 centre_m: self.last_m,
-                proximal: turned(&body5),
-                distal: turned(&body6),
+                proximal: body5,
+                distal: body6,
             },
         }
     }

@@ -126,6 +126,33 @@ impl Rot3 {
         }
     }
 
+    /// This rotation after a turn about the own x axis.
+    #[must_use]
+    pub fn turned_about_x(&self, angle_rad: f32) -> Rot3 {
+        let (s, c) = math::sin_cos(angle_rad);
+        Rot3 {
+            x: self.x,
+            y: self.y * c + self.z * s,
+            z: self.z * c - self.y * s,
+        }
+    }
+
+    /// This rotation after a turn about the own diagonal (1,1,1)/sqrt 3, whose matrix is circulant.
+    #[must_use]
+    pub fn turned_about_diagonal(&self, angle_rad: f32) -> Rot3 {
+        const THIRD: f32 = 1.0 / 3.0;
+        const INV_SQRT_3: f32 = 0.577_350_26;
+        let (s, c) = math::sin_cos(angle_rad);
+        let same = THIRD + 2.0 * THIRD * c;
+        let (even, odd) = (THIRD - THIRD * c, INV_SQRT_3 * s);
+        let (before, after) = (even - odd, even + odd);
+        Rot3 {
+            x: self.x * same + self.y * after + self.z * before,
+            y: self.x * before + self.y * same + self.z * after,
+            z: self.x * after + self.y * before + self.z * same,
+        }
+    }
+
     /// The rotated vector.
     #[must_use]
     pub fn apply(&self, v: Vec3) -> Vec3 {

@@ -123,3 +123,31 @@ const BELOW_PI: f32 = 3.141_592_5;
 pub fn sqrt(x: f32) -> f32 {
     libm::sqrtf(x)
 }
+
+/// 1 / sqrt(x) to 2 units in the last place for positive normal x, without division or the soft-float `libm` root; for x = 0 a large
+/// finite number, so that `x * inverse_sqrt(x)` is the root there too.
+pub(crate) fn inverse_sqrt(x: f32) -> f32 {
+    // First guess within 3.5 % by halving the exponent (Lomont 2003), then three Newton steps: 1.8e-3, 4.7e-6, below rounding.
+    let half = 0.5 * x;
+    let mut y = f32::from_bits(0x5f37_5a86_u32.wrapping_sub(x.to_bits() >> 1));
+    for _ in 0..3 {
+        y *= 1.5 - half * y * y;
+    }
+    y
+}
+
+#[cfg(test)]
+mod tests {
+    use super::inverse_sqrt;
+
+    #[test]
+    fn inverse_root_is_exact_to_two_units() {
+        for bits in (0x0080_0000u32..0x7f00_0000).step_by(4093) {
+            let x = f32::from_bits(bits);
+            let want = 1.0 / libm::sqrt(f64::from(x));
+            let error = (f64::from(inverse_sqrt(x)) - want).abs() / want;
+            assert!(error < 2.4e-7, "{x}: {error}");
+        }
+        assert_eq!(0.0 * inverse_sqrt(0.0), 0.0);
+    }
+}

@@ -21,7 +21,7 @@ fn no_pose_is_missed_and_the_bound_is_never_optimistic() {
             study.poses(if twist > 1.0 { 10_000 } else { 0 }, Where::Near),
         ] {
             assert_eq!((table.missed, table.optimistic), (0, 0), "{table}");
-            assert!(table.gap_max_mm < 1.0, "the bound is tight: {table}");
+            assert!(table.gap_max_mm < 2.0, "the bound is tight: {table}");
         }
     }
 }
