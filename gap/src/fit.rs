@@ -89,6 +89,15 @@ pub struct Objective<'a> {
 /// Relative step of the finite differences: large enough to step over the kinks that dry friction makes.
 const DIFFERENCE: f64 = 2e-3;
 
+/// Beyond this many tolerances an error counts linearly: single instants (an edge, a slip) must not outvote the rest.
+const HUBER: f64 = 4.0;
+
+/// Square root of the Huber loss, with the sign of `r`.
+fn huber(r: f64) -> f64 {
+    let a = r.abs();
+    if a <= HUBER { r } else { (HUBER * (2.0 * a - HUBER)).sqrt().copysign(r) }
+}
+
 /// Normal equations of one linearisation.
 struct Normal {
     cost: f64,
@@ -126,7 +135,7 @@ impl Objective<'_> {
             for (s, y) in data.samples.iter().zip(trace.iter()) {
                 let m = s.measured[c];
                 if s.enabled && m.is_finite() {
-                    out.push((y[c] - m) * weight);
+                    out.push(huber((y[c] - m) * weight));
                 }
             }
             let n = (out.len() - start).max(1);

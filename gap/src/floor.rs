@@ -1,7 +1,7 @@
 //! How well the hardware repeats itself, and how exact each channel is.
 
 use crate::joint::data::CHANNELS;
-use crate::joint::{Problem, RunData};
+use crate::joint::{Channel, Problem, RunData};
 use crate::math;
 
 /// Noise of the channels.
@@ -18,6 +18,10 @@ pub struct Floor {
 /// Error that two honest simulators of one law may have between them, as a share of a signal's spread: steps, hold
 /// instants, contact of dry friction. Measured between this simulator at 0.5 and 2 ms steps.
 const MODEL_ERROR: f64 = 0.002;
+/// The same for duty and the like, which jump at every set-point edge.
+const MODEL_ERROR_DUTY: f64 = 0.02;
+/// The same for current and effort, which hang on the acceleration. Measured against an emulated motor with a 1 kHz loop.
+const MODEL_ERROR_CURRENT: f64 = 0.1;
 
 fn values(run: &RunData, channel: usize) -> Vec<f64> {
     run.samples
@@ -121,7 +125,12 @@ impl Floor {
     /// Tolerance of `channel` in the cost: noise and repeats, and what simulators may differ by.
     #[must_use]
     pub fn tolerance(&self, channel: usize) -> f64 {
-        let s = MODEL_ERROR * self.spread[channel];
+        let share = match Channel::ALL[channel] {
+            Channel::Position | Channel::Link => MODEL_ERROR,
+            Channel::Current | Channel::Effort => MODEL_ERROR_CURRENT,
+            _ => MODEL_ERROR_DUTY,
+        };
+        let s = share * self.spread[channel];
         self.of(channel).max(self.noise[channel]).hypot(s).max(1e-9)
     }
 

@@ -13,6 +13,8 @@ pub struct Options {
     pub least_gain: f64,
     /// Least gain in absolute cost (squared tolerances).
     pub least_cost: f64,
+    /// Least gain as a share of the cost before any effect: the errors between two simulators of one law grow with the law.
+    pub least_share: f64,
     /// Most effects.
     pub most: usize,
     /// Candidates refined per step.
@@ -25,7 +27,8 @@ impl Default for Options {
     fn default() -> Self {
         Self {
             least_gain: 0.12,
-            least_cost: 0.08,
+            least_cost: 0.5,
+            least_share: 0.005,
             most: 5,
             refined: 5,
             thorough: false,
@@ -126,7 +129,8 @@ impl Search<'_> {
                 .collect();
             let mut m = model.clone();
             o.on(train).polish(&mut m, 2);
-            o.on(fold.clone()).data_cost(&m.params)
+            // Share of the fold, so that the folds add up to a mean over runs.
+            o.on(fold.clone()).data_cost(&m.params) * fold.len() as f64 / o.runs.len() as f64
         };
         self.folds.iter().map(one).collect()
     }
@@ -205,7 +209,8 @@ impl Search<'_> {
             best.iter_mut()
                 .for_each(|(cost, m, _)| *cost = o.polish(m, 8));
             best.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let accepted = self.first_believed(&o, &best, &held, &mut refused);
+            let least = self.options.least_cost.max(self.options.least_share * steps[0].held_out);
+            let accepted = self.first_believed(&o, &best, &held, least, &mut refused);
             let Some((candidate, next, next_held, gain)) = accepted else {
                 break;
             };
@@ -234,6 +239,7 @@ impl Search<'_> {
         o: &Objective<'_>,
         best: &[(f64, Model, usize)],
         held: &[f64],
+        least: f64,
         refused: &mut Vec<(Effect, f64)>,
     ) -> Option<(Candidate, Model, Vec<f64>, f64)> {
         let before: f64 = held.iter().sum();
@@ -253,7 +259,7 @@ impl Search<'_> {
                 .all(|f| !c.effect.is_base() || self.beyond_tolerance(f.p, &m.params));
             let majority = 2 * wins > held.len() || held.len() < 3;
             if gain > self.options.least_gain
-                && before - after > self.options.least_cost
+                && before - after > least
                 && majority
                 && outside
             {

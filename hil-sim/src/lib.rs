@@ -17,6 +17,7 @@
 
 #[cfg(unix)]
 pub mod board;
+pub mod bench_cases;
 pub mod body;
 pub mod bus;
 pub mod driver;

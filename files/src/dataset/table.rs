@@ -293,7 +293,7 @@ impl<'a> Reader<'a> {
             })?;
         let (low, high) = match self.targets[column] {
             Target::Joint(_, s) => s.range(),
-            Target::Shared(0) => (0.0, 1000.0),
+            Target::Shared(0) => (-1.0, 1000.0),
             _ => (-1e9, 1e9),
         };
         if !(low..=high).contains(&value) {

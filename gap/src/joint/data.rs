@@ -261,18 +261,35 @@ fn run_nominal(b: &Bench, reference: &Nominal) -> Nominal {
 /// Largest and smallest step: coarse enough to be fast, fine enough for joints up to about 100 rad/s of bandwidth.
 const DT_RANGE_S: (f64, f64) = (0.0005, 0.002);
 
+/// A step short against the joint's fastest loop.
+fn stable_step_s(n: &Nominal) -> f64 {
+    // Part of the loop's time constant that one explicit step may take.
+    const PART: f64 = 0.4;
+    let per_output = match n.output {
+        Output::Duty => n.stall,
+        Output::Voltage => n.stall / n.supply_v,
+        _ => 1.0,
+    };
+    let damping = (n.kd * per_output + n.stall / n.no_load_speed) / n.inertia;
+    let stiffness = (n.kp * per_output / n.inertia).sqrt();
+    PART / damping.max(stiffness).max(1e-3)
+}
+
 impl Problem {
     /// Takes joint `joint` out of a data set. `None` if that joint has no position column at all.
     #[must_use]
     pub fn new(manifest: &Manifest, recordings: &[Recording], joint: usize) -> Option<Self> {
         let repeats = files::dataset::repeat_groups(manifest, recordings);
         let step_s = math::median(&recordings.iter().map(Recording::step_s).collect::<Vec<_>>());
-        let dt_s = (step_s / 5.0).clamp(DT_RANGE_S.0, DT_RANGE_S.1);
         let mut gaits: Vec<String> = Vec::new();
         let mut runs = Vec::new();
         let mut quantum = 0.0;
         let first = manifest.runs.first()?;
         let reference = nominal(&first.bench);
+        let period_s = first.bench.controller.period_s.map_or(f64::INFINITY, |p| p.value);
+        let dt_s = (step_s / 5.0).min(stable_step_s(&reference)).min(period_s).clamp(DT_RANGE_S.0, DT_RANGE_S.1);
+        // A whole number of steps per row: rows and set-points of one cyclic loop then fall onto steps.
+        let dt_s = step_s / (step_s / dt_s - 1e-6).ceil().max(1.0);
         for ((run, rec), repeat) in manifest.runs.iter().zip(recordings).zip(&repeats) {
             let gait = gaits
                 .iter()
@@ -341,7 +358,8 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
         let at_s = t[i] - t0_s;
         let e = at(column(Signal::Enable), i);
         enabled = if e.is_nan() { enabled } else { e > 0.5 };
-        let step = (at_s / dt_s) as usize;
+        // The small part keeps a row that falls onto a step in that step.
+        let step = (at_s / dt_s + 1e-6) as usize;
         if edges.last().is_none_or(|l| l.enabled != enabled) {
             let (p, v) = state_near(t, position, column(Signal::Velocity), i);
             edges.push(Edge {
@@ -359,12 +377,13 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
         let measured = channels.map(|c| at(c, i));
         samples.push(Sample {
             step,
-            part: at_s / dt_s - step as f64,
+            part: (at_s / dt_s - step as f64).max(0.0),
             enabled,
             measured,
         });
     }
     let steps = samples.last().map_or(0, |s| s.step + 1);
+    mask_edges(&mut samples, &command_t_s, dt_s);
     RunData {
         name: String::new(),
         gait: 0,
@@ -377,6 +396,27 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
         edges,
         steps,
         t0_s,
+    }
+}
+
+/// Drops electrical samples that fall onto a set-point edge: whether they were taken before or after it is not known.
+/// Only where edges are rare; a command that changes with every row has no edges to speak of.
+fn mask_edges(samples: &mut [Sample], edges_s: &[f64], dt_s: f64) {
+    if edges_s.len() * 3 > samples.len() {
+        return;
+    }
+    let mut k = 0;
+    for s in samples {
+        let t = (s.step as f64 + s.part) * dt_s;
+        while k + 1 < edges_s.len() && edges_s[k + 1] < t - 1.5 * dt_s {
+            k += 1;
+        }
+        let near = |e: Option<&f64>| e.is_some_and(|e| (e - t).abs() <= 1.5 * dt_s);
+        if near(edges_s.get(k)) || near(edges_s.get(k + 1)) {
+            for c in [1, 2, 3, 5, 6] {
+                s.measured[c] = f64::NAN;
+            }
+        }
     }
 }
 
