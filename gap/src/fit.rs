@@ -95,7 +95,11 @@ const HUBER: f64 = 4.0;
 /// Square root of the Huber loss, with the sign of `r`.
 fn huber(r: f64) -> f64 {
     let a = r.abs();
-    if a <= HUBER { r } else { (HUBER * (2.0 * a - HUBER)).sqrt().copysign(r) }
+    if a <= HUBER {
+        r
+    } else {
+        (HUBER * (2.0 * a - HUBER)).sqrt().copysign(r)
+    }
 }
 
 /// Normal equations of one linearisation.

@@ -209,7 +209,10 @@ impl Search<'_> {
             best.iter_mut()
                 .for_each(|(cost, m, _)| *cost = o.polish(m, 8));
             best.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let least = self.options.least_cost.max(self.options.least_share * steps[0].held_out);
+            let least = self
+                .options
+                .least_cost
+                .max(self.options.least_share * steps[0].held_out);
             let accepted = self.first_believed(&o, &best, &held, least, &mut refused);
             let Some((candidate, next, next_held, gain)) = accepted else {
                 break;
@@ -258,11 +261,7 @@ impl Search<'_> {
                 .iter()
                 .all(|f| !c.effect.is_base() || self.beyond_tolerance(f.p, &m.params));
             let majority = 2 * wins > held.len() || held.len() < 3;
-            if gain > self.options.least_gain
-                && before - after > least
-                && majority
-                && outside
-            {
+            if gain > self.options.least_gain && before - after > least && majority && outside {
                 return Some((c.clone(), m.clone(), next, gain));
             }
             refused.push((c.effect, gain));

@@ -52,8 +52,13 @@ const GAITS: usize = 6;
 /// Repeats of each gait.
 const REPEATS: usize = 2;
 /// Relative 1-sigma tolerances of what the manifest states.
-const TOLERANCE: [(&str, f64); 5] =
-    [("inertia", 0.05), ("gravity", 0.03), ("supply", 0.02), ("speed", 0.03), ("effort", 0.03)];
+const TOLERANCE: [(&str, f64); 5] = [
+    ("inertia", 0.05),
+    ("gravity", 0.03),
+    ("supply", 0.02),
+    ("speed", 0.03),
+    ("effort", 0.03),
+];
 
 /// Joint of all cases.
 pub(crate) const JOINT: JointKind = JointKind::Intra;
@@ -79,7 +84,13 @@ pub fn case(seed: u64, index: usize) -> Case {
             size(&plan, &others, &clean, &repeats)
         })
         .unzip();
-    let label = Label { name: plan.name.clone(), kind: plan.kind, planted: plan.planted.clone(), floors, floors_any };
+    let label = Label {
+        name: plan.name.clone(),
+        kind: plan.kind,
+        planted: plan.planted.clone(),
+        floors,
+        floors_any,
+    };
     Case { files, label }
 }
 
@@ -101,7 +112,12 @@ fn floor(plan: &Plan) -> [f64; record::CHANNELS] {
 }
 
 /// What is lost without one of the causes: in floors of the position, and the largest over the channels.
-fn size(plan: &Plan, others: &[Planted], clean: &[Vec<record::Row>], floor: &[f64; record::CHANNELS]) -> (f64, f64) {
+fn size(
+    plan: &Plan,
+    others: &[Planted],
+    clean: &[Vec<record::Row>],
+    floor: &[f64; record::CHANNELS],
+) -> (f64, f64) {
     let mut sum = [0.0; record::CHANNELS];
     let mut n = 0.0;
     for (gait, with) in clean.iter().enumerate() {
@@ -113,9 +129,19 @@ fn size(plan: &Plan, others: &[Planted], clean: &[Vec<record::Row>], floor: &[f6
             }
         }
     }
-    let size: Vec<f64> = sum.iter().zip(floor).map(|(s, f)| libm::sqrt(s / n) / f).collect();
+    let size: Vec<f64> = sum
+        .iter()
+        .zip(floor)
+        .map(|(s, f)| libm::sqrt(s / n) / f)
+        .collect();
     let recorded = |k: &usize| plan.link || *k != record::LINK;
-    (size[record::POSITION], (0..size.len()).filter(recorded).map(|k| size[k]).fold(0.0, f64::max))
+    (
+        size[record::POSITION],
+        (0..size.len())
+            .filter(recorded)
+            .map(|k| size[k])
+            .fold(0.0, f64::max),
+    )
 }
 
 fn manifest(plan: &Plan) -> String {
@@ -146,21 +172,35 @@ fn manifest(plan: &Plan) -> String {
     );
     for gait in 0..GAITS {
         for repeat in 0..REPEATS {
-            let _ = write!(s, "\n[[run]]\nfile = \"g{gait}_{repeat}.csv\"\ngait = \"g{gait}\"\n");
+            let _ = write!(
+                s,
+                "\n[[run]]\nfile = \"g{gait}_{repeat}.csv\"\ngait = \"g{gait}\"\n"
+            );
         }
     }
     s
 }
 
 fn csv(plan: &Plan, rows: &[record::Row]) -> String {
-    let mut s = String::from("t_s,setpoint_rad,applied_setpoint_rad,position_rad,current_a,duty,bus_v");
-    s.push_str(if plan.link { ",link_position_rad\n" } else { "\n" });
+    let mut s =
+        String::from("t_s,setpoint_rad,applied_setpoint_rad,position_rad,current_a,duty,bus_v");
+    s.push_str(if plan.link {
+        ",link_position_rad\n"
+    } else {
+        "\n"
+    });
     for r in rows {
         let c = &r.channels;
         let _ = write!(
             s,
             "{:.4},{:.6},{:.6},{:.6},{:.4},{:.4},{:.3}",
-            r.t_s, r.setpoint_rad, c[record::APPLIED], c[record::POSITION], c[record::CURRENT], c[record::DUTY], c[record::BUS]
+            r.t_s,
+            r.setpoint_rad,
+            c[record::APPLIED],
+            c[record::POSITION],
+            c[record::CURRENT],
+            c[record::DUTY],
+            c[record::BUS]
         );
         if plan.link {
             let _ = write!(s, ",{:.6}", c[record::LINK]);

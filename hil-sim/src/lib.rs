@@ -15,9 +15,9 @@
 
 #![forbid(unsafe_code)]
 
+pub mod bench_cases;
 #[cfg(unix)]
 pub mod board;
-pub mod bench_cases;
 pub mod body;
 pub mod bus;
 pub mod driver;

@@ -286,8 +286,15 @@ impl Problem {
         let mut quantum = 0.0;
         let first = manifest.runs.first()?;
         let reference = nominal(&first.bench);
-        let period_s = first.bench.controller.period_s.map_or(f64::INFINITY, |p| p.value);
-        let dt_s = (step_s / 5.0).min(stable_step_s(&reference)).min(period_s).clamp(DT_RANGE_S.0, DT_RANGE_S.1);
+        let period_s = first
+            .bench
+            .controller
+            .period_s
+            .map_or(f64::INFINITY, |p| p.value);
+        let dt_s = (step_s / 5.0)
+            .min(stable_step_s(&reference))
+            .min(period_s)
+            .clamp(DT_RANGE_S.0, DT_RANGE_S.1);
         // A whole number of steps per row: rows and set-points of one cyclic loop then fall onto steps.
         let dt_s = step_s / (step_s / dt_s - 1e-6).ceil().max(1.0);
         for ((run, rec), repeat) in manifest.runs.iter().zip(recordings).zip(&repeats) {

@@ -34,7 +34,12 @@ struct Range {
 }
 
 const fn r(key: &'static str, low: f64, high: f64, form: u8) -> Range {
-    Range { key, low, high, form }
+    Range {
+        key,
+        low,
+        high,
+        form,
+    }
 }
 
 /// From barely visible to large. Ratios start beyond three tolerances, else they would be no effect.
@@ -56,16 +61,35 @@ const LIBRARY: &[(&str, &[Range])] = &[
     ("motor_constant", &[r("ratio", 0.12, 0.5, 2)]),
     ("winding_resistance", &[r("ratio", 0.12, 0.7, 2)]),
     ("current_limit", &[r("limit_a", 0.15, 0.7, 0)]),
-    ("thermal_derating", &[r("time_constant_s", 2.0, 8.0, 0), r("fraction", 0.1, 0.6, 0)]),
+    (
+        "thermal_derating",
+        &[
+            r("time_constant_s", 2.0, 8.0, 0),
+            r("fraction", 0.1, 0.6, 0),
+        ],
+    ),
     ("supply_voltage", &[r("value_v", 0.08, 0.35, 5)]),
     ("supply_sag", &[r("resistance_ohm", 0.08, 1.0, 0)]),
     ("coulomb_friction", &[r("torque_nm", 0.05, 1.5, 0)]),
     ("viscous_friction", &[r("nm_s_rad", 0.05, 1.0, 0)]),
-    ("stribeck_friction", &[r("static_nm", 0.1, 1.5, 0), r("velocity_rad_s", 0.03, 0.15, 0)]),
+    (
+        "stribeck_friction",
+        &[
+            r("static_nm", 0.1, 1.5, 0),
+            r("velocity_rad_s", 0.03, 0.15, 0),
+        ],
+    ),
     ("load_dependent_friction", &[r("fraction", 0.04, 0.5, 0)]),
     ("asymmetric_friction", &[r("difference_nm", 0.1, 1.0, 1)]),
     ("quadratic_friction", &[r("nm_s2_rad2", 0.05, 0.8, 0)]),
-    ("torque_ripple", &[r("amplitude_nm", 0.08, 0.8, 0), r("periods", 4.0, 16.0, 6), r("phase_rad", 0.1, 6.2, 0)]),
+    (
+        "torque_ripple",
+        &[
+            r("amplitude_nm", 0.08, 0.8, 0),
+            r("periods", 4.0, 16.0, 6),
+            r("phase_rad", 0.1, 6.2, 0),
+        ],
+    ),
     ("inertia", &[r("ratio", 0.3, 1.0, 2)]),
     ("gravity_load", &[r("ratio", 0.12, 0.7, 2)]),
     ("backlash", &[r("half_width_rad", 0.003, 0.06, 0)]),
@@ -73,15 +97,28 @@ const LIBRARY: &[(&str, &[Range])] = &[
 ];
 
 const OUTSIDE: &[(&str, &[Range])] = &[
-    ("position_friction", &[r("torque_nm", 0.3, 1.5, 0), r("periods", 3.0, 8.0, 6)]),
-    ("hysteretic_spring", &[r("stiffness_nm_rad", 1.0, 6.0, 0), r("yield_rad", 0.1, 0.4, 0)]),
+    (
+        "position_friction",
+        &[r("torque_nm", 0.3, 1.5, 0), r("periods", 3.0, 8.0, 6)],
+    ),
+    (
+        "hysteretic_spring",
+        &[
+            r("stiffness_nm_rad", 1.0, 6.0, 0),
+            r("yield_rad", 0.1, 0.4, 0),
+        ],
+    ),
     ("zero_drift", &[r("rad_s", 0.002, 0.02, 1)]),
     ("asymmetric_gain", &[r("fraction", 0.1, 0.4, 1)]),
 ];
 
 fn draw(rng: &mut Rng, entry: &(&'static str, &'static [Range])) -> Planted {
     let one = |range: &Range| {
-        let x = if range.low > 0.0 { log_uniform(rng, range.low, range.high) } else { range.low };
+        let x = if range.low > 0.0 {
+            log_uniform(rng, range.low, range.high)
+        } else {
+            range.low
+        };
         let sign = if rng.chance(0.5) { 1.0 } else { -1.0 };
         let value = match range.form {
             1 => sign * x,
@@ -93,7 +130,10 @@ fn draw(rng: &mut Rng, entry: &(&'static str, &'static [Range])) -> Planted {
         };
         (range.key, value)
     };
-    Planted { effect: entry.0, parameters: entry.1.iter().map(one).collect() }
+    Planted {
+        effect: entry.0,
+        parameters: entry.1.iter().map(one).collect(),
+    }
 }
 
 /// Shares of the suite: 25 % without effect, 40 % one, 25 % two or three, 10 % outside the library. `index` beyond the

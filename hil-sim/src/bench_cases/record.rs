@@ -59,7 +59,8 @@ fn wave(gait: usize, t_s: f64, rng: &[f64]) -> f64 {
             (0.6 + 0.4 * b) * (1.0 - 4.0 * (x - 0.5).abs()) * if c > 0.5 { 1.0 } else { -1.0 }
         }
         _ => {
-            0.4 * (0.5 + a) * libm::sin(TAU * 0.23 * t_s) + 0.25 * (0.5 + b) * libm::sin(TAU * 0.61 * t_s + TAU * c)
+            0.4 * (0.5 + a) * libm::sin(TAU * 0.23 * t_s)
+                + 0.25 * (0.5 + b) * libm::sin(TAU * 0.61 * t_s + TAU * c)
                 + 0.1 * libm::sin(TAU * 1.1 * t_s)
         }
     }
@@ -124,7 +125,12 @@ impl crate::body::Load for Disturbance {
 }
 
 /// Records gait `gait`; without a repeat number there is neither disturbance nor noise.
-pub(super) fn record(plan: &Plan, planted: &[Planted], gait: usize, repeat: Option<usize>) -> Vec<Row> {
+pub(super) fn record(
+    plan: &Plan,
+    planted: &[Planted],
+    gait: usize,
+    repeat: Option<usize>,
+) -> Vec<Row> {
     let (world, path) = world(plan, planted);
     let setup = &world.joints[0];
     let mut shape = Rng::new(plan.seed, 0x6A, gait as u64);
@@ -134,16 +140,28 @@ pub(super) fn record(plan: &Plan, planted: &[Planted], gait: usize, repeat: Opti
     let load = repeat.map(|_| {
         let rng = Rng::new(plan.seed, 0x44, stream);
         // 0.06 N m: the spread between repeats of real small geared joints at this load.
-        Box::new(Disturbance { rng, value: 0.0, sigma_nm: 0.06 }) as Box<dyn crate::body::Load>
+        Box::new(Disturbance {
+            rng,
+            value: 0.0,
+            sigma_nm: 0.06,
+        }) as Box<dyn crate::body::Load>
     });
-    let stand = StandJoint { load, gravity_nm: setup.load.gravity_nm, ..StandJoint::inertia(setup.load.inertia_kg_m2) };
+    let stand = StandJoint {
+        load,
+        gravity_nm: setup.load.gravity_nm,
+        ..StandJoint::inertia(setup.load.inertia_kg_m2)
+    };
     let mut stand = Stand::new(vec![stand]);
     let to_driver = |sp: f64| path[0] * path[1] * sp + path[2];
     let start = wave(gait, 0.0, &shape);
     stand.place(to_driver(start));
-    let Ok(mut joint) =
-        Plant::new(vec![setup.joint.clone()], world.supply.clone(), Box::new(stand), STEP_NS, 1)
-    else {
+    let Ok(mut joint) = Plant::new(
+        vec![setup.joint.clone()],
+        world.supply.clone(),
+        Box::new(stand),
+        STEP_NS,
+        1,
+    ) else {
         return Vec::new();
     };
     let params = &setup.driver;
@@ -170,14 +188,33 @@ pub(super) fn record(plan: &Plan, planted: &[Planted], gait: usize, repeat: Opti
         let duty = control.position_loop(&params.control, goal, seen, 1e-3);
         if tick % ROW_TICKS == 0 {
             let encoder = state.gear_rad + setup.joint.encoder_error_rad(state);
-            let true_values = [encoder, state.current_a, duty, joint.bus_v(), state.link_rad, goal];
+            let true_values = [
+                encoder,
+                state.current_a,
+                duty,
+                joint.bus_v(),
+                state.link_rad,
+                goal,
+            ];
             let mut channels = true_values;
             if repeat.is_some() {
-                channels.iter_mut().zip(NOISE).for_each(|(c, n)| *c += n * noise.normal());
+                channels
+                    .iter_mut()
+                    .zip(NOISE)
+                    .for_each(|(c, n)| *c += n * noise.normal());
             }
-            rows.push(Row { t_s, setpoint_rad: sent, channels });
+            rows.push(Row {
+                t_s,
+                setpoint_rad: sent,
+                channels,
+            });
         }
-        let bridge = Bridge { duty, enabled: true, limit_a: f64::INFINITY, bus_v: 12.0 };
+        let bridge = Bridge {
+            duty,
+            enabled: true,
+            limit_a: f64::INFINITY,
+            bus_v: 12.0,
+        };
         for _ in 0..STEPS {
             joint.step(&[bridge]);
         }
@@ -198,8 +235,18 @@ mod tests {
         let kinds: Vec<&str> = (0..400).map(|i| plan(1, i).kind).collect();
         let share = |k: &str| kinds.iter().filter(|x| **x == k).count() as f64 / 400.0;
         // Binomial, 400 draws: 1 sigma is at most 2.5 %.
-        for (kind, want) in [("null", 0.25), ("single", 0.40), ("pair", 0.17), ("triple", 0.08), ("outside", 0.10)] {
-            assert!((share(kind) - want).abs() < 0.075, "{kind}: {}", share(kind));
+        for (kind, want) in [
+            ("null", 0.25),
+            ("single", 0.40),
+            ("pair", 0.17),
+            ("triple", 0.08),
+            ("outside", 0.10),
+        ] {
+            assert!(
+                (share(kind) - want).abs() < 0.075,
+                "{kind}: {}",
+                share(kind)
+            );
         }
     }
 
