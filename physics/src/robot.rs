@@ -4,6 +4,7 @@
 //! three joints); every other body hangs on its parent by one hinge. [`RawRobot`] is what a structure is written as; [`Robot`] is
 //! checked, sorted and holds the constants of the half-sphere's shape.
 
+use control::robot::{RobotModel, RobotParams};
 use files::model::{Key, Model};
 
 /// Most joints of a robot: two meta-modules (`control::gait::MAX_OSCILLATORS`).
@@ -177,6 +178,8 @@ pub struct Robot {
     shape: HalfShape,
     /// Body of each joint index.
     body_of_joint: Vec<usize>,
+    /// The same robot as the firmware's pre-check knows it; only meta-modules have one.
+    precheck: Option<Box<RobotModel>>,
     /// For every body: bit k set when body k lies on its path to the base (itself included, base excluded).
     paths: Vec<u32>,
 }
@@ -193,13 +196,31 @@ impl Robot {
                 "connector_compliance" | "connector_play"
             )
         });
-        meta_module(
+        let mut robot = Robot::try_from(meta_module(
             model.value(Key::Cube),
             model.value(Key::BallRadius),
             model.value(Key::Twist),
             connector,
-        )
-        .try_into()
+        ))?;
+        // Geometry beyond what the pre-check accepts is left to this crate's own clearance.
+        robot.precheck = RobotModel::new(RobotParams {
+            twist_rad: model.value(Key::Twist) as f32,
+            cube_m: model.value(Key::Cube) as f32,
+            ball_radius_m: model.value(Key::BallRadius) as f32,
+            ..RobotParams::default()
+        })
+        .ok()
+        .map(Box::new);
+        Ok(robot)
+    }
+
+    /// Clearance of the robot with itself by the firmware's pre-check, m; `None` for structures it does not know.
+    #[must_use]
+    pub fn precheck_clearance_m(&self, angles_rad: &[f32; 6]) -> Option<f64> {
+        let model = self.precheck.as_ref()?;
+        Some(f64::from(
+            control::precheck::clearance(model, angles_rad).clearance_m,
+        ))
     }
 
     /// The structure as data.
@@ -283,6 +304,7 @@ impl TryFrom<RawRobot> for Robot {
             raw,
             shape,
             body_of_joint,
+            precheck: None,
             paths,
         })
     }

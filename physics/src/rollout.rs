@@ -9,6 +9,8 @@ use crate::trial::{CONTROL_RATE_HZ, NotFinite, Options, Outcome, Pose, Start, Tr
 
 /// A sum of speeds and height above this is taken for divergence, as NaN is.
 const ABSURD: f64 = 1e6;
+/// Below this clearance of the engine the pre-check's is asked for, m: more than its margin and what both may differ by.
+const PRECHECK_BELOW_M: f64 = 0.005;
 /// Guards sample instants against rounding of step times.
 const SAMPLE_GUARD_S: f64 = 1e-6;
 
@@ -20,6 +22,8 @@ struct Record {
     next_sample: u64,
     squares: f64,
     count: u64,
+    /// Smallest clearance by the firmware's pre-check so far, m.
+    clearance_m: f64,
     done: bool,
 }
 
@@ -120,6 +124,7 @@ impl Record {
             next_sample: 0,
             squares: 0.0,
             count: 0,
+            clearance_m: 1.0,
             done: false,
         }
     }
@@ -182,12 +187,25 @@ impl Record {
             self.squares += error * error;
             self.count += 1;
         }
-        if self.outcome.collided_at_s.is_none() && state.clearance.get(lane) < 0.0 {
+        self.check_clearance(robot, lane, state);
+        let clearance = self.clearance_m.min(state.clearance.get(lane));
+        if self.outcome.collided_at_s.is_none() && clearance < 0.0 {
             let time_s = drive.time_s(step, options.time_step_s);
             self.outcome.collided_at_s = Some(time_s);
             if options.stop_on_collision {
                 self.finish(time_s.max(1.0 / CONTROL_RATE_HZ), lane, state);
             }
+        }
+    }
+
+    /// Near cubes are looked at with the geometry of the firmware's pre-check, which is what a robot would stop by.
+    fn check_clearance<L: Lane>(&mut self, robot: &Robot, lane: usize, state: &State<L>) {
+        if state.gap.get(lane) > PRECHECK_BELOW_M || robot.motors() != 6 {
+            return;
+        }
+        let angles = std::array::from_fn(|j| state.angle[robot.body_of_joint(j)].get(lane) as f32);
+        if let Some(clearance) = robot.precheck_clearance_m(&angles) {
+            self.clearance_m = self.clearance_m.min(clearance);
         }
     }
 
@@ -197,7 +215,7 @@ impl Record {
         let out = &mut self.outcome;
         out.distance_m = (dx * dx + dy * dy).sqrt();
         out.speed_m_s = out.distance_m / time_s;
-        out.clearance_m = state.clearance.get(lane);
+        out.clearance_m = self.clearance_m.min(state.clearance.get(lane));
         if out.collided_at_s.is_none() && out.clearance_m < 0.0 {
             out.collided_at_s = Some(time_s);
         }

@@ -151,7 +151,8 @@ pub struct Outcome {
     pub speed_m_s: f64,
     /// First time at which the robot touched itself, s from t = 0; negative in the lead-in.
     pub collided_at_s: Option<f64>,
-    /// Smallest clearance between cubes that may meet, m; exact when small, at most 1.
+    /// Smallest clearance between cubes that may meet, m, 1 when none came near: the smaller of the engine's at every step and the
+    /// firmware pre-check's at every control tick. A robot holds below `control::precheck::MARGIN_M`.
     pub clearance_m: f64,
     /// Largest speed at which a part struck the ground, m/s.
     pub impact_m_s: f64,

@@ -9,15 +9,19 @@ use super::tree::Tree;
 use crate::lane::{Lane, Mask};
 use crate::linear::V3;
 
+/// Clearances are known up to this, m: twice the margin of the pre-check (`control::precheck::MARGIN_M`).
+const NEAR_M: f64 = 0.006;
+
 /// Clearance of every pair, and rows where it is negative.
 #[inline(always)]
 pub(super) fn detect<L: Lane>(tree: &Tree, s: &mut super::State<L>, w: &mut Work<L>) {
+    s.gap = L::one();
     for k in 0..tree.pairs {
         w.pair[k].any = false;
         let [i, j] = tree.pair[k];
         let d = w.cube[j].centre.sub(w.cube[i].centre);
         let distance2 = d.dot(d);
-        let reach = 2.0 * tree.ball_m;
+        let reach = 2.0 * tree.ball_m + NEAR_M;
         let near = distance2.lt(L::splat(reach * reach));
         if near.any() {
             meet(tree, s, w, k, d, distance2, near);
@@ -73,7 +77,8 @@ fn meet<L: Lane>(
             }
         }
     }
-    s.clearance = s.clearance.min(gap.or_else(near, L::one()));
+    s.gap = s.gap.min(gap.or_else(near, L::one()));
+    s.clearance = s.clearance.min(s.gap);
     let active = near.and(gap.lt(L::zero()));
     if !active.any() {
         return;

@@ -32,6 +32,8 @@ pub(crate) struct State<L> {
     pub impact: L,
     /// Largest sum of normal forces of one step so far, N.
     pub peak_force: L,
+    /// Clearance between pairs of cubes in the last step, m; 1 when not near.
+    pub gap: L,
     /// Smallest clearance between pairs of cubes so far, m (exact when small).
     pub clearance: L,
     /// Sum and maximum of penetration over touching slots and steps, and their number.
@@ -56,7 +58,8 @@ impl<L: Lane> State<L> {
             touching: [z; MAX_SLOTS],
             impact: z,
             peak_force: z,
-            clearance: L::splat(1.0),
+            gap: L::one(),
+            clearance: L::one(),
             depth_sum: z,
             depth_max: z,
             depth_count: z,
