@@ -3,6 +3,7 @@
 use std::any::Any;
 
 use crate::motor::LinkDrive;
+use crate::rng::Rng;
 
 /// Motion of one link as the body reports it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -39,6 +40,47 @@ pub trait Body: Any + Send {
 pub trait Load: Send {
     /// Torque on the link at time `t_s`, positive towards + angle [N m].
     fn torque_nm(&mut self, t_s: f64, angle_rad: f64, velocity_rad_s: f64) -> f64;
+}
+
+/// A random torque: normal, correlated over [`Disturbance::CORRELATION_S`].
+#[derive(Clone, Debug)]
+pub struct Disturbance {
+    sigma_nm: f64,
+    present_nm: f64,
+    last_s: f64,
+    rng: Rng,
+}
+
+/// Stream number of disturbances.
+const PURPOSE_DISTURBANCE: u64 = 0xD1;
+
+impl Disturbance {
+    /// Correlation time [s]. Chosen: slower than the loop's answer, faster than a gait cycle.
+    pub const CORRELATION_S: f64 = 0.1;
+
+    /// A disturbance of standard deviation `sigma_nm` on joint `index`.
+    #[must_use]
+    pub fn new(sigma_nm: f64, seed: u64, index: usize) -> Self {
+        let mut rng = Rng::new(seed, PURPOSE_DISTURBANCE, index as u64);
+        let present_nm = sigma_nm * rng.normal();
+        Self {
+            sigma_nm,
+            present_nm,
+            last_s: 0.0,
+            rng,
+        }
+    }
+}
+
+impl Load for Disturbance {
+    fn torque_nm(&mut self, t_s: f64, _angle_rad: f64, _velocity_rad_s: f64) -> f64 {
+        // Ornstein-Uhlenbeck, exact over the step.
+        let keep = libm::exp(-(t_s - self.last_s) / Self::CORRELATION_S);
+        self.last_s = t_s;
+        self.present_nm = keep * self.present_nm
+            + self.sigma_nm * libm::sqrt(1.0 - keep * keep) * self.rng.normal();
+        self.present_nm
+    }
 }
 
 /// One joint on a stand: an inertia, a hanging mass, and any outside load.

@@ -9,6 +9,7 @@
 //! - `board`: the firmware image in QEMU, on Unix
 //! - [`robot`]: the firmware application run natively against all of the above
 //!
+//! - [`recorder`]: data sets with a known truth
 //! - [`endpoint`], [`pace`]: pseudo-terminal, TCP, serial port, and the wall clock for foreign clients
 //!
 //! Everything but the last line is deterministic: time and seeds are arguments.
@@ -27,6 +28,7 @@ pub mod fault;
 pub mod motor;
 pub mod pace;
 pub mod plant;
+pub mod recorder;
 pub mod rng;
 pub mod robot;
 pub mod scenario;

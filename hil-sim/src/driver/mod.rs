@@ -12,6 +12,7 @@ use control::{ControlParams, ControlState};
 use transport::{Transport, TransportParams};
 
 use crate::motor::Bridge;
+use crate::rng::Rng;
 
 /// Conventions between the wire and the joint; neutral +1, 1, 0.
 #[derive(Clone, Debug, PartialEq)]
@@ -68,6 +69,15 @@ impl Default for GuardParams {
     }
 }
 
+/// Noise of the driver's analogue inputs, white per tick; neutral 0.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NoiseParams {
+    /// Standard deviation of the current reading [A].
+    pub current_a: f64,
+    /// Standard deviation of the bus voltage reading [V].
+    pub voltage_v: f64,
+}
+
 /// Everything that is fixed about a driver.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DriverParams {
@@ -79,6 +89,8 @@ pub struct DriverParams {
     pub convention: ConventionParams,
     /// Self-protection.
     pub guard: GuardParams,
+    /// Noise of what it reports.
+    pub noise: NoiseParams,
     /// From the last byte of a request to the first of the reply [ns].
     pub return_delay_ns: u64,
 }
@@ -170,6 +182,9 @@ pub struct Readings {
 /// Period of the position loop on the driver's clock [us].
 pub const LOOP_PERIOD_US: u64 = 1_000;
 
+/// Stream number of sensor noise.
+const PURPOSE_NOISE: u64 = 0x5E;
+
 /// State of one driver.
 #[derive(Clone, Debug)]
 pub struct Driver {
@@ -198,6 +213,7 @@ pub struct Driver {
     limit_a: f64,
     limited: bool,
     shutdown: u8,
+    noise: Rng,
 }
 
 impl Driver {
@@ -230,6 +246,7 @@ impl Driver {
             limit_a: f64::INFINITY,
             limited: false,
             shutdown: u8::MAX,
+            noise: Rng::new(seed, PURPOSE_NOISE, joint as u64),
         }
     }
 
@@ -238,6 +255,7 @@ impl Driver {
         let boots = self.boots.wrapping_add(1);
         let mut fresh = Self::new(self.params.clone(), 0, 0, now_ns);
         std::mem::swap(&mut fresh.transport, &mut self.transport);
+        std::mem::swap(&mut fresh.noise, &mut self.noise);
         fresh.transport.clear();
         fresh.boots = boots;
         *self = fresh;
@@ -479,9 +497,12 @@ impl Driver {
             .measure(&self.params.control, self.readings.position_rad, dt_s);
         self.readings.at_us = self.clock_us(now_ns);
         self.readings.velocity_rad_s = self.control.velocity_rad_s();
-        self.readings.current_a = sensors.current_a * self.params.convention.sign;
+        self.readings.current_a = self.noisy(sensors.current_a, self.params.noise.current_a)
+            * self.params.convention.sign;
         self.readings.duty = sensors.applied_duty * self.params.convention.sign;
-        self.readings.bus_v = sensors.bus_v;
+        self.readings.bus_v = self
+            .noisy(sensors.bus_v, self.params.noise.voltage_v)
+            .max(0.0);
         self.readings.case_c = sensors.case_c;
         if sensors.bus_v < self.params.guard.brownout_v {
             return false;
@@ -490,6 +511,15 @@ impl Driver {
         self.watch();
         self.drive(now_ns, seen_rad, dt_s);
         true
+    }
+
+    /// A reading with its noise; without noise nothing is drawn.
+    fn noisy(&mut self, value: f64, sigma: f64) -> f64 {
+        if sigma > 0.0 {
+            value + sigma * self.noise.normal()
+        } else {
+            value
+        }
     }
 
     /// Counts edges; returns true if any passed since the last tick.

@@ -72,6 +72,7 @@ pub fn parse(file: &str, text: &str) -> Result<Scenario, ScenarioError> {
     bus(&mut top, &mut world)?;
     stand(&mut top, &mut world)?;
     drivers(&mut top, &mut world)?;
+    noise(&mut top, &mut world)?;
     if let Some(table) = top.table("effect")? {
         effect_tables(&table, &mut world)?;
     }
@@ -183,6 +184,21 @@ fn drivers(top: &mut Table<'_>, world: &mut WorldParams) -> Result<(), ScenarioE
         table.finish()?;
     }
     Ok(())
+}
+
+fn noise(top: &mut Table<'_>, world: &mut WorldParams) -> Result<(), ScenarioError> {
+    let Some(mut table) = top.table("noise")? else {
+        return Ok(());
+    };
+    let disturbance = table.number("disturbance_nm", 0.0, 10.0)?;
+    let current = table.number("current_a", 0.0, 1.0)?;
+    let voltage = table.number("voltage_v", 0.0, 1.0)?;
+    for setup in &mut world.joints {
+        setup.load.disturbance_nm = disturbance.unwrap_or(setup.load.disturbance_nm);
+        setup.driver.noise.current_a = current.unwrap_or(setup.driver.noise.current_a);
+        setup.driver.noise.voltage_v = voltage.unwrap_or(setup.driver.noise.voltage_v);
+    }
+    table.finish()
 }
 
 /// `[effect.NAME]` for all joints, then `[effect.NAME.joint_K]` for one.

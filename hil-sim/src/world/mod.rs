@@ -10,7 +10,7 @@ use std::collections::VecDeque;
 
 use protocol::bus::server::Reply;
 
-use crate::body::{Body, Stand, StandJoint};
+use crate::body::{Body, Disturbance, Load, Stand, StandJoint};
 use crate::bus::{Bus, BusCounters, Delivery, Talker};
 use crate::driver::unit::Unit;
 use crate::driver::{Driver, Sensors};
@@ -62,6 +62,17 @@ pub struct World {
     inbox: VecDeque<Arrival>,
 }
 
+fn stand_joint(load: &LoadParams, seed: u64, index: usize) -> StandJoint {
+    let noise = load.disturbance_nm;
+    StandJoint {
+        inertia_kg_m2: load.inertia_kg_m2,
+        gravity_nm: load.gravity_nm,
+        hang_rad: load.hang_rad,
+        load: (noise > 0.0)
+            .then(|| Box::new(Disturbance::new(noise, seed, index)) as Box<dyn Load>),
+    }
+}
+
 /// A bridge that does nothing.
 const IDLE: Bridge = Bridge {
     duty: 0.0,
@@ -79,12 +90,8 @@ impl World {
         let joints = params
             .joints
             .iter()
-            .map(|setup| StandJoint {
-                inertia_kg_m2: setup.load.inertia_kg_m2,
-                gravity_nm: setup.load.gravity_nm,
-                hang_rad: setup.load.hang_rad,
-                load: None,
-            })
+            .enumerate()
+            .map(|(index, setup)| stand_joint(&setup.load, params.seed, index))
             .collect();
         Self::new(params, Box::new(Stand::new(joints)))
     }

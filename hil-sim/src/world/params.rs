@@ -28,6 +28,8 @@ pub struct LoadParams {
     pub gravity_nm: f64,
     /// Angle at which the load hangs down [rad].
     pub hang_rad: f64,
+    /// Standard deviation of a random torque on the load, correlated over 0.1 s: why repeats differ [N m].
+    pub disturbance_nm: f64,
 }
 
 impl Default for LoadParams {
@@ -38,6 +40,7 @@ impl Default for LoadParams {
             inertia_kg_m2: 1.31e-3,
             gravity_nm: 0.0,
             hang_rad: 0.0,
+            disturbance_nm: 0.0,
         }
     }
 }

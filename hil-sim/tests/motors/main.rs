@@ -2,5 +2,6 @@
 
 mod joint;
 mod position_loop;
+mod recording;
 mod scenario_file;
 mod wire;

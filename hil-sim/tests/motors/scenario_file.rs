@@ -39,6 +39,10 @@ kv_s_rad = 0.5
 [guard]
 overload_s = 1.5
 
+[noise]
+disturbance_nm = 0.05
+current_a = 0.002
+
 [effect.supply_sag]
 resistance_ohm = 0.3
 [effect.coulomb_friction]
@@ -72,6 +76,13 @@ probability = 1e-4
     assert_eq!(world.joints[1].load.gravity_nm, 2.0);
     assert_eq!(world.joints[1].driver.control.kp_1_s, 12.0);
     assert_eq!(world.joints[0].driver.guard.overload_s, 1.5);
+    assert_eq!(
+        (
+            world.joints[3].load.disturbance_nm,
+            world.joints[3].driver.noise.current_a
+        ),
+        (0.05, 0.002)
+    );
     assert_eq!(world.supply.resistance_ohm, 0.3);
     let friction: Vec<_> = world
         .joints
