@@ -63,11 +63,20 @@ impl BusWay {
     }
 }
 
-fn through_robot(robot: &mut Robot, exchange: &mut Exchange, patience_ns: u64) -> Result<Vec<DriverAnswer>, LinkError> {
+fn through_robot(
+    robot: &mut Robot,
+    exchange: &mut Exchange,
+    patience_ns: u64,
+) -> Result<Vec<DriverAnswer>, LinkError> {
     let request = "bus order";
-    let bytes = heapless::Vec::from_slice(exchange.request().bytes()).map_err(|_| LinkError::TooLarge { request })?;
+    let bytes = heapless::Vec::from_slice(exchange.request().bytes())
+        .map_err(|_| LinkError::TooLarge { request })?;
     let listen_ms = (patience_ns.div_ceil(1_000_000) + CONTROLLER_SLACK_MS).min(1000) as u16;
-    let answer = robot.ask(&ToModule::BusRaw { bytes, listen_ms, tag: Tag::NONE })?;
+    let answer = robot.ask(&ToModule::BusRaw {
+        bytes,
+        listen_ms,
+        tag: Tag::NONE,
+    })?;
     let FromModule::BusReply { bytes, .. } = answer else {
         return Err(LinkError::WrongAnswer { request });
     };
@@ -81,7 +90,11 @@ fn through_robot(robot: &mut Robot, exchange: &mut Exchange, patience_ns: u64) -
     Ok(answers)
 }
 
-fn over_port(port: &mut SerialLink, exchange: &mut Exchange, patience: Duration) -> Result<Vec<DriverAnswer>, LinkError> {
+fn over_port(
+    port: &mut SerialLink,
+    exchange: &mut Exchange,
+    patience: Duration,
+) -> Result<Vec<DriverAnswer>, LinkError> {
     port.send(exchange.request().bytes())?;
     let until = Instant::now() + patience + ADAPTER_LATENCY;
     let mut answers = Vec::new();

@@ -4,7 +4,7 @@
 //! fitted time shift, weighted by speed times repeatability. Any subset of Table II can be fitted; the rest stays hand-tuned.
 
 use crate::table2::ROWS;
-use camera::similarity::{SimilarityError, mean_ratio, meta_fitness, repeatability};
+use camera::similarity::{SimilarityError, meta_fitness, ratio, repeatability};
 use camera::{Silhouette, Solid, View, ViewError};
 use control::gait::Gait;
 use control::linalg::Pose;
@@ -223,119 +223,25 @@ impl Fit {
     }
 }
 
-/// The comparison of simulated with filmed gaits.
-pub struct Likeness<'a> {
-    gaits: &'a [FilmedGait],
+/// The virtual camera and what stands before it.
+#[derive(Clone, Debug)]
+pub struct FilmMaker {
     settings: FilmSettings,
     solids: Vec<Solid>,
 }
 
-impl<'a> Likeness<'a> {
-    /// Compare with `gaits` as `settings` says.
-    ///
-    /// # Errors
-    /// When no gait belongs to the training set.
-    pub fn new(
-        gaits: &'a [FilmedGait],
-        settings: FilmSettings,
-        robot: &RobotModel,
-    ) -> Result<Self, MetaError> {
-        if !gaits.iter().any(|gait| gait.training) {
-            return Err(MetaError::NoTraining);
-        }
-        Ok(Self {
-            gaits,
+impl FilmMaker {
+    /// A camera over a meta-module.
+    #[must_use]
+    pub fn new(settings: FilmSettings, robot: &RobotModel) -> Self {
+        Self {
             settings,
             solids: Solid::meta_module(robot),
-        })
-    }
-
-    /// F_meta over the training gaits for every candidate; a candidate on which the simulator loses a number gets 0.
-    fn fitness(
-        &self,
-        candidates: &[[f64; ROWS]],
-        trials: &impl MotionTrials,
-    ) -> Result<Vec<f64>, MetaError> {
-        let training: Vec<&FilmedGait> = self.gaits.iter().filter(|gait| gait.training).collect();
-        let jobs: Vec<MotionJob<'_>> = candidates
-            .iter()
-            .flat_map(|parameters| {
-                training.iter().map(move |filmed| MotionJob {
-                    gait: &filmed.gait,
-                    parameters,
-                })
-            })
-            .collect();
-        let motions = trials.run(&jobs);
-        let rate_hz = trials.rate_hz();
-        let per_candidate: Vec<_> = candidates
-            .iter()
-            .zip(motions.chunks(training.len().max(1)))
-            .collect();
-        per_candidate
-            .par_iter()
-            .map(|(parameters, motions)| {
-                let mut weighted = Vec::with_capacity(training.len());
-                for (filmed, motion) in training.iter().zip(*motions) {
-                    let r = match motion {
-                        Some(motion) => self.ratio(filmed, motion, rate_hz, parameters)?,
-                        None => 0.0,
-                    };
-                    weighted.push((filmed.weight, r));
-                }
-                Ok(meta_fitness(&weighted)?)
-            })
-            .collect()
-    }
-
-    /// R of every gait with these parameters, in the order given: the body of Table III.
-    ///
-    /// # Errors
-    /// When films do not compare or the simulator loses a number.
-    pub fn ratios(
-        &self,
-        parameters: &[f64; ROWS],
-        trials: &impl MotionTrials,
-    ) -> Result<Vec<f64>, MetaError> {
-        let jobs: Vec<MotionJob<'_>> = self
-            .gaits
-            .iter()
-            .map(|filmed| MotionJob {
-                gait: &filmed.gait,
-                parameters,
-            })
-            .collect();
-        let motions = trials.run(&jobs);
-        let rate_hz = trials.rate_hz();
-        let pairs = self.gaits.iter().zip(motions).enumerate();
-        pairs
-            .map(|(gait, (filmed, motion))| {
-                let motion = motion.ok_or(MetaError::Simulation { gait })?;
-                self.ratio(filmed, &motion, rate_hz, parameters)
-            })
-            .collect()
-    }
-
-    /// Mean over the trials of R between the robot's film and the simulation seen through the candidate's camera.
-    fn ratio(
-        &self,
-        filmed: &FilmedGait,
-        motion: &Motion,
-        rate_hz: f64,
-        parameters: &[f64; ROWS],
-    ) -> Result<f64, MetaError> {
-        let stride = self.settings.stride.max(1);
-        let frames = filmed.films.iter().map(Vec::len).max().unwrap_or(0);
-        let film = self.film(motion, rate_hz, parameters, frames, stride)?;
-        let mut sum = 0.0;
-        for hardware in &filmed.films {
-            let seen: Vec<Silhouette> = hardware.iter().step_by(stride).cloned().collect();
-            sum += mean_ratio(&seen, &film, 0)?;
         }
-        Ok(sum / filmed.films.len().max(1) as f64)
     }
 
-    /// The simulated film at the times of every `stride`-th frame of the robot's, S(t + s); frames past the end of the motion are left out.
+    /// The simulated film S(t + s) at the times t of `frames` frames, every `stride`-th of them; times past the end of the motion
+    /// are left out.
     ///
     /// # Errors
     /// When the camera height is impossible.
@@ -346,7 +252,7 @@ impl<'a> Likeness<'a> {
         parameters: &[f64; ROWS],
         frames: usize,
         stride: usize,
-    ) -> Result<Vec<Silhouette>, MetaError> {
+    ) -> Result<Vec<Silhouette>, ViewError> {
         let view = self.view(parameters)?;
         let times = (0..frames)
             .step_by(stride.max(1))
@@ -375,6 +281,130 @@ impl<'a> Likeness<'a> {
             s.focal_px,
         )
     }
+}
+
+/// The comparison of simulated with filmed gaits.
+pub struct Likeness<'a> {
+    gaits: &'a [FilmedGait],
+    maker: FilmMaker,
+}
+
+impl<'a> Likeness<'a> {
+    /// Compare with `gaits` through `maker`.
+    ///
+    /// # Errors
+    /// When no gait belongs to the training set.
+    pub fn new(gaits: &'a [FilmedGait], maker: FilmMaker) -> Result<Self, MetaError> {
+        if !gaits.iter().any(|gait| gait.training) {
+            return Err(MetaError::NoTraining);
+        }
+        Ok(Self { gaits, maker })
+    }
+
+    /// F_meta over the training gaits for every candidate; a candidate on which the simulator loses a number gets 0.
+    fn fitness(
+        &self,
+        candidates: &[[f64; ROWS]],
+        trials: &impl MotionTrials,
+    ) -> Result<Vec<f64>, MetaError> {
+        let training: Vec<&FilmedGait> = self.gaits.iter().filter(|gait| gait.training).collect();
+        let jobs: Vec<MotionJob<'_>> = candidates
+            .iter()
+            .flat_map(|parameters| {
+                training.iter().map(move |filmed| MotionJob {
+                    gait: &filmed.gait,
+                    parameters,
+                })
+            })
+            .collect();
+        let motions = trials.run(&jobs);
+        let rate_hz = trials.rate_hz();
+        let stride = self.maker.settings.stride;
+        let per_candidate: Vec<_> = candidates
+            .iter()
+            .zip(motions.chunks(training.len().max(1)))
+            .collect();
+        per_candidate
+            .par_iter()
+            .map(|(parameters, motions)| {
+                let mut weighted = Vec::with_capacity(training.len());
+                for (filmed, motion) in training.iter().zip(*motions) {
+                    let r = match motion {
+                        Some(motion) => self.ratio(filmed, motion, rate_hz, parameters, stride)?,
+                        None => 0.0,
+                    };
+                    weighted.push((filmed.weight, r));
+                }
+                Ok(meta_fitness(&weighted)?)
+            })
+            .collect()
+    }
+
+    /// R of every gait with these parameters at full frame rate, in the order given: the body of Table III.
+    ///
+    /// # Errors
+    /// When films do not compare or the simulator loses a number.
+    pub fn ratios(
+        &self,
+        parameters: &[f64; ROWS],
+        trials: &impl MotionTrials,
+    ) -> Result<Vec<f64>, MetaError> {
+        let jobs: Vec<MotionJob<'_>> = self
+            .gaits
+            .iter()
+            .map(|filmed| MotionJob {
+                gait: &filmed.gait,
+                parameters,
+            })
+            .collect();
+        let motions = trials.run(&jobs);
+        let rate_hz = trials.rate_hz();
+        let pairs = self.gaits.iter().zip(motions).enumerate();
+        pairs
+            .map(|(gait, (filmed, motion))| {
+                let motion = motion.ok_or(MetaError::Simulation { gait })?;
+                self.ratio(filmed, &motion, rate_hz, parameters, 1)
+            })
+            .collect()
+    }
+
+    /// Mean over trials and frames of R between the robot's film and the simulation seen through the candidate's camera.
+    fn ratio(
+        &self,
+        filmed: &FilmedGait,
+        motion: &Motion,
+        rate_hz: f64,
+        parameters: &[f64; ROWS],
+        stride: usize,
+    ) -> Result<f64, MetaError> {
+        let stride = stride.max(1);
+        let frames = filmed.films.iter().map(Vec::len).max().unwrap_or(0);
+        let simulated = self
+            .maker
+            .film(motion, rate_hz, parameters, frames, stride)?;
+        let mut sum = 0.0;
+        for hardware in &filmed.films {
+            sum += mean_ratio_strided(hardware, &simulated, stride)?;
+        }
+        Ok(sum / filmed.films.len().max(1) as f64)
+    }
+}
+
+/// Mean R of every `stride`-th hardware frame with the simulated frame of that time.
+fn mean_ratio_strided(
+    hardware: &[Silhouette],
+    simulated: &[Silhouette],
+    stride: usize,
+) -> Result<f64, SimilarityError> {
+    let (mut sum, mut n) = (0.0, 0u32);
+    for (k, (h, s)) in hardware.iter().step_by(stride).zip(simulated).enumerate() {
+        sum += ratio(h, s).ok_or(SimilarityError::FrameSize { frame: k * stride })?;
+        n += 1;
+    }
+    if n == 0 {
+        return Err(SimilarityError::NoCommonFrame { shift_frames: 0 });
+    }
+    Ok(sum / f64::from(n))
 }
 
 /// The paper's Table III: mean R of a group of gaits.

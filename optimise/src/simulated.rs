@@ -137,33 +137,29 @@ impl SimulatedMotions {
             duration_s: self.duration_s,
         })
     }
+}
 
-    /// Body poses of every recorded sample.
-    fn motion(&self, outcome: &Outcome) -> Option<Motion> {
-        if outcome.not_finite.is_some() {
-            return None;
-        }
-        let samples = outcome
-            .poses
-            .iter()
-            .zip(outcome.angles_rad.as_chunks::<JOINTS>().0);
-        Some(
-            samples
-                .map(|(base, angles)| self.bodies(base, angles))
-                .collect(),
-        )
-    }
+/// Body poses of every recorded sample of a trial that recorded its link angles.
+#[must_use]
+pub fn bodies(robot: &RobotModel, outcome: &Outcome) -> Motion {
+    let samples = outcome
+        .poses
+        .iter()
+        .zip(outcome.angles_rad.as_chunks::<JOINTS>().0);
+    samples
+        .map(|(base, angles)| pose(robot, base, angles))
+        .collect()
+}
 
-    fn bodies(&self, base: &physics::Pose, angles_rad: &[f32; JOINTS]) -> [Pose; BODIES] {
-        let [x, y, z] = base.position_m;
-        let base = Pose {
-            position_m: Vec3::new(x, y, z),
-            rotation: rotation(base.quaternion),
-        };
-        *kinematics::forward(&self.robot, angles_rad)
-            .rebased(3, &base)
-            .bodies()
-    }
+fn pose(robot: &RobotModel, base: &physics::Pose, angles_rad: &[f32; JOINTS]) -> [Pose; BODIES] {
+    let [x, y, z] = base.position_m;
+    let base = Pose {
+        position_m: Vec3::new(x, y, z),
+        rotation: rotation(base.quaternion),
+    };
+    *kinematics::forward(robot, angles_rad)
+        .rebased(3, &base)
+        .bodies()
 }
 
 impl MotionTrials for SimulatedMotions {
@@ -177,7 +173,11 @@ impl MotionTrials for SimulatedMotions {
         let mut outcomes = run_all(&possible, &self.options).into_iter();
         let next = |trial: &Option<Trial>| {
             trial.as_ref()?;
-            self.motion(&outcomes.next()?)
+            let outcome = outcomes.next()?;
+            outcome
+                .not_finite
+                .is_none()
+                .then(|| bodies(&self.robot, &outcome))
         };
         trials.iter().map(next).collect()
     }

@@ -6,8 +6,8 @@ use control::linalg::{Pose, Vec3};
 use control::robot::RobotModel;
 use files::model::Model;
 use optimise::meta::{
-    FilmSettings, FilmedGait, Fit, Likeness, MetaError, Motion, MotionJob, MotionTrials, TableIii,
-    rows_of,
+    FilmMaker, FilmSettings, FilmedGait, Fit, Likeness, MetaError, Motion, MotionJob, MotionTrials,
+    TableIii, rows_of,
 };
 use optimise::space::GaitSpace;
 use optimise::table2::ROWS;
@@ -56,6 +56,10 @@ fn settings() -> FilmSettings {
     }
 }
 
+fn maker() -> FilmMaker {
+    FilmMaker::new(settings(), &RobotModel::default())
+}
+
 fn gait() -> Gait {
     GaitSpace::default().gait(&[0.1; 17], "any").unwrap()
 }
@@ -67,14 +71,7 @@ fn truth() -> [f64; ROWS] {
 }
 
 fn filmed(training: bool) -> FilmedGait {
-    let stand_in = [FilmedGait {
-        gait: gait(),
-        films: vec![],
-        weight: 1.0,
-        training: true,
-    }];
-    let likeness = Likeness::new(&stand_in, settings(), &RobotModel::default()).unwrap();
-    let film = likeness
+    let film = maker()
         .film(&drift(&truth()).unwrap(), 30.0, &truth(), 300, 1)
         .unwrap();
     FilmedGait::new(gait(), vec![film.clone(), film], 0.05, training).unwrap()
@@ -83,7 +80,7 @@ fn filmed(training: bool) -> FilmedGait {
 #[test]
 fn a_fit_of_four_rows_recovers_what_was_filmed() {
     let gaits = [filmed(true), filmed(false)];
-    let likeness = Likeness::new(&gaits, settings(), &RobotModel::default()).unwrap();
+    let likeness = Likeness::new(&gaits, maker()).unwrap();
     let mut fit = Fit::start(&[3, 15, 21, 22], &rows_of(&Model::hand_tuned()), 24, 5).unwrap();
     let before = TableIii::new(&gaits, &likeness.ratios(&fit.best(), &Drift).unwrap());
     for _ in 0..25 {
@@ -118,7 +115,7 @@ fn wrong_rows_and_missing_training_are_refused() {
     }
     let gaits = [filmed(false)];
     assert!(matches!(
-        Likeness::new(&gaits, settings(), &RobotModel::default()),
+        Likeness::new(&gaits, maker()),
         Err(MetaError::NoTraining)
     ));
 }

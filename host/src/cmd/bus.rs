@@ -83,7 +83,11 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         Action::Scan => scan(context, &mut way),
         Action::Ping { id } => ping(context, &mut way, *id),
         Action::Read { id, register } => read(context, &mut way, *id, register),
-        Action::Write { id, register, value } => write(context, &mut way, *id, register, *value),
+        Action::Write {
+            id,
+            register,
+            value,
+        } => write(context, &mut way, *id, register, *value),
         Action::Bench { duration, id } => bench(context, &mut way, *duration, id),
         Action::Table => Ok(()),
     }
@@ -95,11 +99,22 @@ fn too_long(_: TooLong) -> Failure {
 
 /// Name and address as people write them: `present-position`, `Present Position` or `132`.
 fn find_register(text: &str) -> Outcome<Register> {
-    let plain = |s: &str| s.chars().filter(char::is_ascii_alphanumeric).collect::<String>().to_ascii_lowercase();
+    let plain = |s: &str| {
+        s.chars()
+            .filter(char::is_ascii_alphanumeric)
+            .collect::<String>()
+            .to_ascii_lowercase()
+    };
     let by_address = text.parse().ok().and_then(Register::at);
-    let by_name = || TABLE.iter().find(|info| plain(info.name) == plain(text)).map(|info| info.register);
+    let by_name = || {
+        TABLE
+            .iter()
+            .find(|info| plain(info.name) == plain(text))
+            .map(|info| info.register)
+    };
     by_address.or_else(by_name).ok_or_else(|| {
-        Failure::say(Exit::Usage, format!("no register {text:?}")).hint("`rb-host bus table` shows names and addresses")
+        Failure::say(Exit::Usage, format!("no register {text:?}"))
+            .hint("`rb-host bus table` shows names and addresses")
     })
 }
 
@@ -111,7 +126,10 @@ fn answer_of(way: &mut BusWay, id: u8, request: Request) -> Outcome<DriverAnswer
     })?;
     match answer.error {
         None => Ok(answer),
-        Some(error) => Err(Failure::say(Exit::Refused, format!("driver {id} refused: {}", error_words(error)))),
+        Some(error) => Err(Failure::say(
+            Exit::Refused,
+            format!("driver {id} refused: {}", error_words(error)),
+        )),
     }
 }
 
@@ -124,23 +142,40 @@ fn scan(context: &Context, way: &mut BusWay) -> Outcome {
     let answers = way.exchange(request)?;
     let rows: Vec<(Value, String)> = answers.iter().map(driver_row).collect();
     let (values, lines): (Vec<Value>, Vec<String>) = rows.into_iter().unzip();
-    context.out.result("rb.bus_scan/1", json!({ "drivers": values }), || {
-        if lines.is_empty() { "no driver answers".to_owned() } else { lines.join("\n") }
-    });
+    context
+        .out
+        .result("rb.bus_scan/1", json!({ "drivers": values }), || {
+            if lines.is_empty() {
+                "no driver answers".to_owned()
+            } else {
+                lines.join("\n")
+            }
+        });
     if values.is_empty() {
-        return Err(Failure::say(Exit::Link, "no driver answers").hint("check motor power, A/B wires and termination"));
+        return Err(Failure::say(Exit::Link, "no driver answers")
+            .hint("check motor power, A/B wires and termination"));
     }
     Ok(())
 }
 
 /// Model number and firmware version as a ping tells them.
 fn driver_row(answer: &DriverAnswer) -> (Value, String) {
-    let model = answer.data.first_chunk::<2>().map_or(0, |b| u16::from_le_bytes(*b));
+    let model = answer
+        .data
+        .first_chunk::<2>()
+        .map_or(0, |b| u16::from_le_bytes(*b));
     let version = answer.data.get(2).copied().unwrap_or(0);
-    let alert = if answer.alert { ", HARDWARE ERROR (register 70)" } else { "" };
+    let alert = if answer.alert {
+        ", HARDWARE ERROR (register 70)"
+    } else {
+        ""
+    };
     (
         json!({ "id": answer.id, "model": model, "version": version, "alert": answer.alert }),
-        format!("id {:3}  model {model:#06x}  version {version}{alert}", answer.id),
+        format!(
+            "id {:3}  model {model:#06x}  version {version}{alert}",
+            answer.id
+        ),
     )
 }
 
@@ -162,8 +197,11 @@ fn read(context: &Context, way: &mut BusWay, id: u8, register: &str) -> Outcome 
         let answer = answer_of(way, id, request)?;
         let number = register.value_of(&answer.data);
         let info = register.info();
-        let value = json!({ "id": id, "register": info.name, "address": info.address, "number": number });
-        context.out.result("rb.bus_read/1", value, || format!("{:5} {:24} {number}", info.address, info.name));
+        let value =
+            json!({ "id": id, "register": info.name, "address": info.address, "number": number });
+        context.out.result("rb.bus_read/1", value, || {
+            format!("{:5} {:24} {number}", info.address, info.name)
+        });
     }
     Ok(())
 }
@@ -172,15 +210,28 @@ fn write(context: &Context, way: &mut BusWay, id: u8, register: &str, value: i32
     let register = find_register(register)?;
     let info = register.info();
     if info.access == Access::Read {
-        return Err(Failure::say(Exit::Usage, format!("{} is read only", info.name)));
+        return Err(Failure::say(
+            Exit::Usage,
+            format!("{} is read only", info.name),
+        ));
     }
     if value < info.min || value > info.max {
-        let message = format!("{} = {value} is out of range; allowed: {} to {}", info.name, info.min, info.max);
+        let message = format!(
+            "{} = {value} is out of range; allowed: {} to {}",
+            info.name, info.min, info.max
+        );
         return Err(Failure::say(Exit::Usage, message));
     }
-    answer_of(way, id, Request::write(id, register, value).map_err(too_long)?)?;
-    let result = json!({ "id": id, "register": info.name, "address": info.address, "number": value });
-    context.out.result("rb.bus_write/1", result, || format!("{:5} {:24} {value}", info.address, info.name));
+    answer_of(
+        way,
+        id,
+        Request::write(id, register, value).map_err(too_long)?,
+    )?;
+    let result =
+        json!({ "id": id, "register": info.name, "address": info.address, "number": value });
+    context.out.result("rb.bus_write/1", result, || {
+        format!("{:5} {:24} {value}", info.address, info.name)
+    });
     Ok(())
 }
 
@@ -197,12 +248,22 @@ fn table(context: &Context) -> Outcome {
                     "max": i.max, "default": i.default })
         })
         .collect();
-    context.out.result("rb.bus_table/1", json!({ "registers": rows }), || {
-        let line = |i: &protocol::bus::table::RegisterInfo| {
-            format!("{:5} {:1} {:6} {:24} {} to {}", i.address, i.len, access(i.access), i.name, i.min, i.max)
-        };
-        TABLE.iter().map(line).collect::<Vec<_>>().join("\n")
-    });
+    context
+        .out
+        .result("rb.bus_table/1", json!({ "registers": rows }), || {
+            let line = |i: &protocol::bus::table::RegisterInfo| {
+                format!(
+                    "{:5} {:1} {:6} {:24} {} to {}",
+                    i.address,
+                    i.len,
+                    access(i.access),
+                    i.name,
+                    i.min,
+                    i.max
+                )
+            };
+            TABLE.iter().map(line).collect::<Vec<_>>().join("\n")
+        });
     Ok(())
 }
 
@@ -232,7 +293,10 @@ fn bench(context: &Context, way: &mut BusWay, duration: Duration, ids: &[u8]) ->
         format!("{cycles} cycles of {} drivers, {missing} answers missing, median {median:.2} ms, worst {worst:.2} ms", ids.len())
     });
     if missing > 0 {
-        return Err(Failure::say(Exit::Check, format!("{missing} answers missing")));
+        return Err(Failure::say(
+            Exit::Check,
+            format!("{missing} answers missing"),
+        ));
     }
     Ok(())
 }

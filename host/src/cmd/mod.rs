@@ -23,6 +23,7 @@ pub mod optimise;
 pub mod rec;
 pub mod reset;
 pub mod run;
+pub mod sim;
 pub mod slots;
 pub mod stop;
 pub mod upload;
@@ -71,6 +72,7 @@ commands! {
     Bus => bus,
     Gait => gait,
     Rec => rec,
+    Sim => sim,
     Optimise => optimise,
     Completions => completions,
     Man => man,

@@ -1,5 +1,8 @@
 //! `rb-host optimise`
 
+#[path = "optimise_model.rs"]
+mod meta;
+
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
@@ -18,7 +21,7 @@ use crate::interrupt;
 use crate::searching::curve;
 use crate::searching::folder::Folder;
 
-/// Search gaits by particle swarm in the simulator
+/// Search gaits, or match the simulator to the robot, by particle swarm
 #[derive(Debug, ClapArgs)]
 pub struct Args {
     #[command(subcommand)]
@@ -29,6 +32,8 @@ pub struct Args {
 enum What {
     /// Find gaits: a swarm over amplitudes, offsets and phase lags; ends with a varied selection as gait files
     Gait(GaitArgs),
+    /// Match the simulator to films of the robot: the 22 parameters of the paper's Table II, or any subset
+    Model(meta::ModelArgs),
 }
 
 #[derive(Debug, ClapArgs)]
@@ -80,6 +85,7 @@ enum Engine {
 pub fn run(args: &Args, context: &Context) -> Outcome {
     match &args.what {
         What::Gait(args) => search_gaits(args, context),
+        What::Model(args) => meta::run(args, context),
     }
 }
 

@@ -1,6 +1,7 @@
 //! Folders, curves and engines of the searches (`rb-host optimise`).
 
 pub mod curve;
+pub mod films;
 pub mod folder;
 #[cfg(feature = "mpi")]
 pub mod mpi_engine;
