@@ -10,6 +10,16 @@
 //! Nothing here can panic: a `thumbv7em` image links with the panic handler's symbol undefined.
 #![no_std]
 #![forbid(unsafe_code)]
+#![cfg_attr(
+    not(test),
+    deny(
+        clippy::indexing_slicing,
+        clippy::unwrap_used,
+        clippy::expect_used,
+        clippy::panic,
+        clippy::unreachable
+    )
+)]
 
 #[cfg(test)]
 extern crate std;
@@ -22,6 +32,7 @@ pub mod kinematics;
 pub mod linalg;
 pub mod math;
 pub mod motion;
+mod motion_types;
 pub mod precheck;
 pub mod robot;
 pub mod supervisor;

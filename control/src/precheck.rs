@@ -1,7 +1,7 @@
 //! Collision pre-check: certified clearance of a pose and of a whole move.
 //!
 //! Only cubes C1 (bodies 0, 1) and C4 (bodies 5, 6) can meet: neighbours touch by construction and the others stay 1.1547 edges apart.
-//! The shape is the real one ([`crate::geometry`]), the bound is a separating plane ([`crate::distance`]), and a
+//! The shape is the real one ([`crate::geometry`]), the bound is a separating plane (module `distance`), and a
 //! move is the straight line in joint space that the motors follow from one set-point to the next.
 //!
 //! Along a move the plane found at the middle of an interval is kept and its gap bounded over the interval: the centres move with

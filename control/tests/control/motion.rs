@@ -360,3 +360,60 @@ fn what_does_not_fit_is_refused() {
         Err(SettingsError::ApproachRatio)
     );
 }
+
+/// Random gaits from random poses, with a robot that lags and jitters: what leaves is always finite, slow and clear of itself.
+#[test]
+fn any_gait_is_driven_safely() {
+    let oracle = oracle::Oracle::new(std::f64::consts::FRAC_PI_2);
+    let p = params(20);
+    let mut rng = oracle::Rng(77);
+    let (mut held, mut refused) = (0, 0);
+    for _ in 0..60 {
+        let mut number = |low: f64, high: f64| rng.between(low, high) as f32;
+        let amplitudes =
+            std::array::from_fn(|k| number(0.0, if k % 3 == 1 { 92.0 } else { 120.0 }));
+        let g = gait(
+            "any",
+            amplitudes,
+            std::array::from_fn(|_| number(-180.0, 180.0)),
+            std::array::from_fn(|_| number(-180.0, 180.0)),
+        );
+        let pose: [f32; 6] = std::array::from_fn(|_| number(-3.0, 3.0));
+        if oracle.distance(&pose).lower_m < 0.005 {
+            continue;
+        }
+        let mut planner = Planner::begin(&p, &g, &pose).expect("begins");
+        let (mut last, mut measured) = (pose, pose);
+        let mut motion = Motion::Approach;
+        for cycle in 0..700 {
+            let out = planner
+                .cycle(&p, motion, Some(&measured))
+                .expect("set-points are sound");
+            refused += u32::from(out.approach_blocked && cycle == 699);
+            if out.in_position {
+                motion = Motion::Run;
+            }
+            if cycle == 600 && motion == Motion::Run {
+                motion = Motion::Ramp;
+            }
+            held += u32::from(out.held);
+            assert_slow(last, &[out]);
+            let middle: [f32; 6] = std::array::from_fn(|i| 0.5 * (last[i] + out.set_point_rad[i]));
+            for q in [middle, out.set_point_rad] {
+                assert!(
+                    oracle.centre_distance_m(&q) > 2.0 * oracle::BALL_M + 0.01
+                        || oracle.distance(&q).lower_m > 0.5e-3,
+                    "{q:?}"
+                );
+            }
+            last = out.set_point_rad;
+            for (m, q) in measured.iter_mut().zip(last) {
+                *m += 0.6 * (q - *m) + rng.between(-0.002, 0.002) as f32;
+            }
+        }
+    }
+    assert!(
+        held > 200,
+        "a real test holds: {held} cycles, {refused} approaches refused"
+    );
+}
