@@ -101,29 +101,33 @@ impl EmulatedBoard {
     }
 
     /// The processor restarts; gives the board as this life of the firmware sees it.
-    pub(super) fn restart(&self, cause: ResetCause) -> BoardOfOneBoot {
+    pub(super) fn restart(&self, cause: ResetCause, supply: Supply) -> BoardOfOneBoot {
         let mut state = self.state.borrow_mut();
         state.cause = cause;
         state.reboot = false;
         state.last_pet_us = self.clock.now_us();
         let crash_block = std::mem::replace(&mut state.crash_block, [0; BLOCK_BYTES]);
         BoardOfOneBoot {
+            supply,
             board: self.clone(),
             crash_block,
         }
     }
 }
 
+/// Reads the battery that the motors share, mV; `None` = the board's own setting counts.
+pub(super) type Supply = Rc<dyn Fn() -> Option<u16>>;
+
 /// The board between two resets.
-#[derive(Debug)]
 pub struct BoardOfOneBoot {
+    supply: Supply,
     board: EmulatedBoard,
     crash_block: [u8; BLOCK_BYTES],
 }
 
 impl Board for BoardOfOneBoot {
     fn battery_mv(&mut self) -> Option<u16> {
-        self.board.state.borrow().battery_mv
+        (self.supply)().or(self.board.state.borrow().battery_mv)
     }
 
     fn reset_cause(&self) -> ResetCause {

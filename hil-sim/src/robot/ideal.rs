@@ -34,6 +34,10 @@ pub struct Taken {
     pub joint: usize,
     /// Driver's frame, urad.
     pub goal_urad: i32,
+    /// Where the joint stood, urad.
+    pub from_urad: i32,
+    /// Whether torque was on.
+    pub torque: bool,
 }
 
 /// State of one driver.
@@ -48,7 +52,8 @@ struct Ideal {
     boots: u8,
     trouble: Trouble,
     frozen: Option<PackedFeedback>,
-    taken: Vec<(u64, i32)>,
+    joint: usize,
+    taken: Vec<Taken>,
     heard_ns: u64,
     watchdog_ns: Option<u64>,
     tripped: bool,
@@ -68,6 +73,7 @@ impl Ideal {
             boots: 1,
             trouble: Trouble::None,
             frozen: None,
+            joint: usize::from(id) - 1,
             taken: Vec::new(),
             heard_ns: 0,
             watchdog_ns: None,
@@ -147,7 +153,13 @@ impl DriverHandler for Ideal {
             Register::GoalAngle if self.tripped => return Err(StatusError::Access),
             Register::GoalAngle => {
                 self.goal_urad = value;
-                self.taken.push((self.now_ns, value));
+                self.taken.push(Taken {
+                    at_ns: self.now_ns,
+                    joint: self.joint,
+                    goal_urad: value,
+                    from_urad: self.position_urad,
+                    torque: self.torque,
+                });
                 if self.torque {
                     self.position_urad = value;
                 }
@@ -194,6 +206,7 @@ pub struct IdealMotors {
     /// Drop every n-th byte that the master would receive; 0 = none.
     drop_every: u64,
     heard: u64,
+    stall_ns: u64,
 }
 
 impl IdealMotors {
@@ -214,7 +227,13 @@ impl IdealMotors {
             babbling: false,
             drop_every: 0,
             heard: 0,
+            stall_ns: 0,
         }
+    }
+
+    /// The module's next packet keeps its task this much longer: an overrun of the cycle.
+    pub fn stall_once(&mut self, stall_us: u64) {
+        self.stall_ns = stall_us * 1000;
     }
 
     /// Gives a driver a trouble, or takes it away.
@@ -278,15 +297,7 @@ impl IdealMotors {
     /// Every set-point a driver took while its torque was on or off, oldest first.
     #[must_use]
     pub fn taken(&self, joint: usize) -> Vec<Taken> {
-        let taken = &self.drivers[joint].1.taken;
-        taken
-            .iter()
-            .map(|(at_ns, goal_urad)| Taken {
-                at_ns: *at_ns,
-                joint,
-                goal_urad: *goal_urad,
-            })
-            .collect()
+        self.drivers[joint].1.taken.clone()
     }
 
     fn run_to(&mut self, now_ns: u64) {
@@ -348,7 +359,7 @@ impl IdealMotors {
 impl MotorBus for IdealMotors {
     fn transmit(&mut self, now_ns: u64, bytes: &[u8]) -> u64 {
         self.run_to(now_ns);
-        self.bus.send(now_ns, Talker::Master, bytes)
+        self.bus.send(now_ns, Talker::Master, bytes) + std::mem::take(&mut self.stall_ns)
     }
 
     fn receive(&mut self, now_ns: u64, into: &mut VecDeque<Received>) {

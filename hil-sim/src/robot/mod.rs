@@ -194,7 +194,10 @@ impl<M: MotorBus + 'static> EmulatedRobot<M> {
     }
 
     fn boot(&mut self, cause: ResetCause) {
-        let board = self.board.restart(cause);
+        let motors = self.motors.clone();
+        let board = self
+            .board
+            .restart(cause, Rc::new(move || motors.borrow().battery_mv()));
         let clock = self.clock.clone();
         let bus = BusEnd::new(clock.clone(), self.motors.clone());
         let mut app = Box::new(App::new(self.setup.motion));

@@ -21,6 +21,11 @@ pub trait MotorBus {
     /// Brings everything to `now_ns`; what the master receives meanwhile waits for [`MotorBus::receive`].
     fn advance(&mut self, now_ns: u64);
 
+    /// Battery voltage that the module's ADC sees, mV; `None` = the board's own setting counts.
+    fn battery_mv(&self) -> Option<u16> {
+        None
+    }
+
     /// When the next byte passes the wire, if one is on its way, ns.
     fn next_event_ns(&self) -> Option<u64>;
 
@@ -59,6 +64,11 @@ impl MotorBus for World {
 
     fn advance(&mut self, now_ns: u64) {
         self.advance_to(now_ns);
+    }
+
+    fn battery_mv(&self) -> Option<u16> {
+        // One battery feeds motors and module.
+        Some((self.plant().bus_v() * 1e3) as u16)
     }
 
     fn next_event_ns(&self) -> Option<u64> {

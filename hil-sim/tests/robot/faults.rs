@@ -390,3 +390,49 @@ fn the_watchdog_is_fed_in_time_through_everything_a_host_may_ask() {
         "the bus is read again afterwards"
     );
 }
+
+#[test]
+fn one_overrun_holds_and_is_counted_three_in_a_row_stop() {
+    for (stall_us, stops) in [(20_000, false), (60_000, false), (110_000, false)] {
+        let (mut robot, mut host) = running(0, 10_000);
+        robot.motors().borrow_mut().stall_once(stall_us);
+        robot.run_for(1_000_000);
+        host.receive(None);
+        let overruns = info(&mut robot, &mut host).counters.overruns;
+        assert_eq!(
+            overruns,
+            u32::from(stall_us > 50_000),
+            "stalled for {stall_us} us"
+        );
+        assert_eq!(
+            host.saw(|kind| matches!(kind, EventKind::Overrun { .. })),
+            stall_us > 50_000
+        );
+        assert_eq!(host.ends.is_empty(), !stops);
+        check_set_points(&robot);
+    }
+    // Just before a cycle begins: each stall covers one instant of the grid, and the next cycle stalls again.
+    let (mut robot, mut host) = running(0, 40_000);
+    for _ in 0..3 {
+        robot.motors().borrow_mut().stall_once(70_000);
+        robot.run_for(100_000);
+    }
+    let end = expect_end(&mut robot, &mut host);
+    assert_eq!(end.reason, EndReason::Fault(Fault::Overrun));
+}
+
+#[test]
+fn a_stall_longer_than_the_watchdog_resets_the_processor_and_nothing_moves_after() {
+    let (mut robot, _) = running(0, 10_000);
+    robot.motors().borrow_mut().stall_once(400_000);
+    robot.run_for(500_000);
+    assert_eq!(robot.resets(), 1);
+    assert!((0..6).all(|joint| !robot.motors().borrow().torque(joint)));
+    let mut host = SimHost::new(robot.link());
+    host.hello(&mut robot).expect("answers after the watchdog");
+    let now = info(&mut robot, &mut host);
+    assert_eq!(
+        (now.state, now.reset_cause),
+        (ModuleState::Unhomed, protocol::link::ResetCause::Watchdog)
+    );
+}

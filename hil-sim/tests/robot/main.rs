@@ -4,6 +4,7 @@ mod common;
 mod faults;
 mod orders;
 mod run;
+mod schedules;
 mod security;
 mod serve;
 mod upload;
