@@ -174,6 +174,26 @@ mod tests {
     }
 
     #[test]
+    fn counts_come_back_and_agree_with_the_documented_steps() {
+        for counts in i16::MIN..=i16::MAX {
+            assert_eq!(velocity_from_rad_s(rad_s_from_velocity(counts)), counts);
+            assert_eq!(current_from_a(a_from_current(counts)), counts);
+            assert_eq!(counts_from_duty(duty_from_counts(counts)), counts);
+            let voltage = counts as u16;
+            assert_eq!(voltage_from_v(v_from_voltage(voltage)), voltage);
+            let angle_urad = i32::from(counts) * 4000;
+            assert!((urad_from_rad(rad_from_urad(angle_urad)).unwrap() - angle_urad).abs() <= 8);
+            for (ours, step) in [
+                (rad_s_from_velocity(counts), RAD_S_PER_VELOCITY_COUNT),
+                (a_from_current(counts), A_PER_CURRENT_COUNT),
+                (duty_from_counts(counts), DUTY_PER_COUNT),
+            ] {
+                assert!((f64::from(ours) - f64::from(counts) * step).abs() < 1e-5);
+            }
+        }
+    }
+
+    #[test]
     fn small_quantities_saturate_and_round() {
         assert_eq!(velocity_from_rad_s(2.786), 5572);
         assert_eq!(velocity_from_rad_s(-99.0), i16::MIN);

@@ -369,3 +369,131 @@ fn hostile_bytes_never_stop_the_parser() {
     }
     assert_eq!(found, 1);
 }
+
+#[test]
+fn requests_nobody_answers_are_complete_at_once() {
+    for request in [
+        Request::set_points(&[(1, 5)]).unwrap(),
+        Request::reboot(BROADCAST).unwrap(),
+        Request::write(BROADCAST, Register::TorqueEnable, 0).unwrap(),
+    ] {
+        assert!(!request.is_answered());
+        assert_eq!(
+            (request.answer_bytes(), request.patience_ns(10_000)),
+            (0, 0)
+        );
+        assert!(Exchange::new(request).is_complete());
+    }
+    // A broadcast ping listens for every slot: 253 of 154 us.
+    let all = Request::ping(BROADCAST).unwrap();
+    assert!(all.is_answered() && all.ids().is_empty());
+    assert!(all.patience_ns(10_000) >= 253 * 154_000);
+}
+
+#[test]
+fn what_does_not_fit_is_refused_before_it_is_sent() {
+    let ids: Vec<u8> = (1..=13).collect();
+    assert_eq!(
+        Request::sync_read(132, 4, &ids[..12]).map(|request| request.ids().len()),
+        Ok(12)
+    );
+    assert_eq!(Request::sync_read(132, 4, &ids), Err(TooLong));
+    assert_eq!(Request::fast_sync_read(0, 148, &ids[..3]), Err(TooLong));
+    assert_eq!(Request::read(1, 0, 1000), Err(TooLong));
+    assert!(Request::read(1, 0, 148).is_ok());
+    let many: Vec<(u8, i32)> = (0..100).map(|id| (id, 0)).collect();
+    assert_eq!(Request::set_points(&many), Err(TooLong));
+}
+
+#[test]
+fn every_error_number_is_named() {
+    let names = [
+        None,
+        Some(StatusError::Result),
+        Some(StatusError::Instruction),
+        Some(StatusError::Crc),
+        Some(StatusError::DataRange),
+        Some(StatusError::DataLength),
+        Some(StatusError::DataLimit),
+        Some(StatusError::Access),
+        Some(StatusError::Other),
+    ];
+    for (byte, name) in (0..).zip(names) {
+        assert_eq!(StatusError::from_byte(byte), name);
+        assert_eq!(StatusError::from_byte(byte | packet::ALERT), name);
+        if let Some(error) = name.filter(|error| *error != StatusError::Other) {
+            assert_eq!(error as u8, byte);
+        }
+    }
+}
+
+#[test]
+fn a_second_master_is_noticed() {
+    let mut exchange = Exchange::new(Request::ping(1).unwrap());
+    assert_eq!(hear(&mut exchange, Request::ping(2).unwrap().bytes()), []);
+    assert_eq!(
+        (exchange.counters().foreign, exchange.counters().echoes),
+        (1, 0)
+    );
+    assert_eq!(exchange.parser_counters().packets, 1);
+}
+
+/// A common answer by hand: error, id, data, then a checksum over everything so far, for each driver.
+fn common_answer(parts: &[(u8, u8, &[u8])], len: usize) -> Vec<u8> {
+    let length = (parts.len() * (len + 4) + 1) as u16;
+    let mut bytes = packet::HEADER.to_vec();
+    bytes.push(BROADCAST);
+    bytes.extend(length.to_le_bytes());
+    bytes.push(0x55);
+    for (error, id, data) in parts {
+        bytes.extend([*error, *id]);
+        bytes.extend_from_slice(data);
+        bytes.extend(protocol::crc::crc16(&bytes).to_le_bytes());
+    }
+    bytes
+}
+
+#[test]
+fn a_common_answer_is_taken_apart() {
+    let ask = || Exchange::new(Request::fast_sync_read(132, 4, &[3, 7, 4]).unwrap());
+    // FF FF FD inside: nothing is unstuffed there.
+    let good = common_answer(
+        &[
+            (0, 3, &[0xFF, 0xFF, 0xFD, 0xFD]),
+            (0x80, 7, &[1, 2, 3, 4]),
+            (0, 4, &[5; 4]),
+        ],
+        4,
+    );
+    let mut exchange = ask();
+    assert_eq!(
+        hear(&mut exchange, &good),
+        [
+            (3, None, vec![0xFF, 0xFF, 0xFD, 0xFD]),
+            (7, None, vec![1, 2, 3, 4]),
+            (4, None, vec![5; 4])
+        ]
+    );
+    assert!(exchange.is_complete());
+
+    let mut exchange = ask();
+    let short = common_answer(&[(0, 3, &[1; 4]), (0, 7, &[1; 3])], 4);
+    let mut short_framed = short.clone();
+    short_framed[5] -= 1;
+    let crc = protocol::crc::crc16(&short_framed[..short_framed.len() - 2]).to_le_bytes();
+    let end = short_framed.len() - 2;
+    short_framed[end..].copy_from_slice(&crc);
+    assert_eq!(hear(&mut exchange, &short_framed), [(3, None, vec![1; 4])]);
+    assert_eq!(exchange.counters().wrong_length, 1);
+    assert_eq!(exchange.missing().collect::<Vec<_>>(), [7, 4]);
+
+    let mut exchange = ask();
+    assert_eq!(
+        hear(
+            &mut exchange,
+            &common_answer(&[(0, 9, &[1; 4]), (0, 4, &[2; 4])], 4)
+        ),
+        [(4, None, vec![2; 4])]
+    );
+    assert_eq!(exchange.counters().wrong_id, 1);
+}

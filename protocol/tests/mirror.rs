@@ -4,7 +4,7 @@
 mod common;
 
 use common::*;
-use control::gait::{Gait, GaitError, RawGait};
+use control::gait::{Gait, GaitError, RawGait, RobotMismatch};
 use control::supervisor;
 use protocol::link::*;
 
@@ -32,7 +32,20 @@ fn faults_and_states() {
         supervisor::State::Boot,
         supervisor::State::Unhomed,
         supervisor::State::Idle,
+        supervisor::State::Armed {
+            lease_us: 1,
+            run_at_us: 2,
+            give_up_us: 3,
+        },
         supervisor::State::Run { until_us: 1 },
+        supervisor::State::Stopping {
+            reason: supervisor::StopReason::Ordered,
+            phase: supervisor::StopPhase::Hold { until_us: 1 },
+        },
+        supervisor::State::Fault {
+            fault: supervisor::Fault::BusLost,
+            hold_until_us: None,
+        },
         supervisor::State::EStop,
     ] {
         let name = format!("{state:?}");
@@ -68,6 +81,22 @@ fn gait_errors_keep_their_numbers() {
         for (law, wire) in cases {
             assert_eq!(law, wire);
         }
+    }
+    for mismatch in [
+        RobotMismatch::JointCount {
+            oscillators: 5,
+            joints: 6,
+        },
+        RobotMismatch::TooFast {
+            joint: 1,
+            needed_rad_s: 3.0,
+            limit_rad_s: 2.0,
+        },
+    ] {
+        assert_eq!(
+            format!("{mismatch:?}"),
+            format!("{:?}", GaitReject::from(mismatch))
+        );
     }
     for (law, wire) in [
         refused(|gait| gait.name.clear()),

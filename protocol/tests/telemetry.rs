@@ -159,32 +159,32 @@ fn run(rate_hz: u32, seconds: u32) -> Vec<Sample> {
 }
 
 #[test]
-fn what_link_and_memory_carry() {
-    // 20 Hz, every sample as its own message, live.
-    let cycle = run(20, 30);
-    let live: usize = cycle
+fn live_samples_at_20_hz_fit_the_link() {
+    let bytes: usize = run(20, 30)
         .iter()
         .map(|sample| frame(&module_header(1), &FromModule::Sample(*sample)).len())
         .sum();
-    let live_share = live as f64 / 30.0 / LINK_BYTES_PER_S;
+    let share = bytes as f64 / 30.0 / LINK_BYTES_PER_S;
     println!(
-        "20 Hz live, one message a cycle: {:.0} B each, {:.1} % of 115200 baud",
-        live as f64 / 600.0,
-        live_share * 100.0
+        "20 Hz live: {:.0} B a sample, {:.1} % of 115200 baud",
+        bytes as f64 / 600.0,
+        share * 100.0
     );
-    assert!(live_share < 0.40);
+    assert!(share < 0.40);
+}
 
-    // 20 Hz without any link: 30 s fit.
+#[test]
+fn a_run_at_20_hz_fits_the_memory_without_any_link() {
     let mut log = SampleLog::<BLOCKS>::new();
     log.begin(1);
-    cycle.iter().for_each(|sample| log.push(sample));
+    run(20, 30).iter().for_each(|sample| log.push(sample));
     log.flush();
     println!(
         "20 Hz for 30 s: {} blocks of {BLOCKS}, log is {} bytes",
         log.kept_blocks(),
         size_of_val(&log)
     );
-    assert_eq!(log.dropped(), 0);
+    assert_eq!((log.run(), log.taken(), log.dropped()), (1, 600, 0));
     assert!(size_of_val(&log) <= 48 * 1024);
     let (back, bytes) = drained(&mut log);
     assert_eq!(back.len(), 600);
@@ -192,9 +192,13 @@ fn what_link_and_memory_carry() {
         "drained after the run in {:.1} s",
         bytes as f64 / LINK_BYTES_PER_S
     );
+}
 
-    // 100 Hz without any link: what does not fit is dropped and counted, the beginning is whole.
+/// What does not fit is dropped and counted; the beginning is whole.
+#[test]
+fn at_100_hz_without_any_link_the_beginning_is_kept() {
     let fast = run(100, 30);
+    let mut log = SampleLog::<BLOCKS>::new();
     log.begin(2);
     fast.iter().for_each(|sample| log.push(sample));
     log.flush();
@@ -213,11 +217,14 @@ fn what_link_and_memory_carry() {
             .enumerate()
             .all(|(n, (index, sample))| *index == n as u32 && *sample == fast[n])
     );
+}
 
-    // 100 Hz while the link sends as fast as it can, with a gap of 5 s: nothing is lost.
+#[test]
+fn at_100_hz_the_link_keeps_up_and_a_gap_of_5_s_loses_nothing() {
+    let mut log = SampleLog::<BLOCKS>::new();
     log.begin(3);
     let (mut credit, mut sent) = (0.0, 0);
-    for (n, sample) in fast.iter().enumerate() {
+    for (n, sample) in run(100, 30).iter().enumerate() {
         log.push(sample);
         let down = (1000..1500).contains(&n);
         credit = if down {

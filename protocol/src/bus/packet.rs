@@ -171,15 +171,6 @@ impl Builder {
         self
     }
 
-    /// Appends parameters as they are: Fast Sync Read answers.
-    #[must_use]
-    pub fn unstuffed(mut self, params: &[u8]) -> Self {
-        for &byte in params {
-            self.raw(byte);
-        }
-        self
-    }
-
     /// Fills in the length, appends the checksum.
     ///
     /// # Errors

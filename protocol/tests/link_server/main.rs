@@ -512,3 +512,92 @@ fn replayed_sessions_move_nothing() {
         assert!(moved.is_empty(), "boot {boot}: {moved:?}");
     }
 }
+
+#[test]
+fn what_cannot_be_read_is_named_and_counted() {
+    let mut session = Session::new(Port::Wire, None);
+    // The envelope by hand around any message bytes.
+    let framed = |message: &[u8]| {
+        let mut body = vec![VERSION, SOURCE_HOST, 9, 0];
+        body.extend(BOOT.to_le_bytes());
+        body.extend_from_slice(message);
+        body.extend(protocol::crc::crc32c(&body).to_le_bytes());
+        let mut bytes = cobs::encode_vec(&body);
+        bytes.push(0);
+        bytes
+    };
+    for (message, reason) in [
+        (&[77, 1, 2][..], Reject::UnknownType { kind: 77 }),
+        (&[4], Reject::Malformed),
+        (&[1, 0], Reject::TrailingBytes),
+        (&[8, 1], Reject::Malformed),
+    ] {
+        let request = message[0];
+        assert_eq!(
+            session.send(&framed(message)),
+            [(9, FromModule::Nack { request, reason })]
+        );
+    }
+    let counters = *session.server.counters();
+    assert_eq!(
+        (
+            counters.unknown_type,
+            counters.malformed,
+            counters.trailing_bytes
+        ),
+        (1, 2, 1)
+    );
+    assert!(session.robot.calls.is_empty());
+
+    // STOP with anything behind it is still STOP.
+    let stop = ToModule::Stop.kind();
+    assert_eq!(
+        session.send(&framed(&[stop, 1, 2, 3])),
+        [(9, FromModule::Ack { request: stop })]
+    );
+}
+
+#[test]
+fn questions_can_be_refused_and_orders_can_fail_later() {
+    let mut session = Session::new(Port::Wire, None);
+    let question = ToModule::GetGait { slot: 1 };
+    assert_eq!(
+        session.ask(&question, None),
+        nack(&question, Reject::SlotEmpty)
+    );
+
+    session.robot.pending = true;
+    let erase = ToModule::EraseSlot {
+        slot: 1,
+        tag: Tag::NONE,
+    };
+    let bytes = session.bytes(&erase, None);
+    assert!(session.send(&bytes).is_empty());
+    let mut out = [0; MAX_FRAME];
+    let fault = Reject::Storage {
+        fault: StorageFault::ReadBack,
+    };
+    let len = session.server.complete(Err(fault), &mut out).unwrap();
+    let answers = receive(&mut session.host, &out[..len]);
+    assert!(matches!(&answers[..], [(_, message)] if *message == nack(&erase, fault)));
+    assert_eq!(session.send(&bytes), answers);
+}
+
+#[test]
+fn a_reconnect_in_the_middle_of_a_frame_costs_that_frame_only() {
+    let mut session = Session::new(Port::Wire, None);
+    let request = session.bytes(&ToModule::GetInfo, None);
+    for cut in 0..request.len() {
+        session.send(&request[..cut]);
+        session.server.restart();
+        assert_eq!(session.send(&request).len(), 1, "cut at {cut}");
+    }
+    let mut out = [0; MAX_FRAME];
+    let len = session
+        .server
+        .send(&FromModule::Sample(sample(1)), &mut out)
+        .unwrap();
+    receive(&mut session.host, &out[..len / 2]);
+    session.host.restart();
+    assert_eq!(receive(&mut session.host, &out[..len]).len(), 1);
+}
