@@ -4,4 +4,5 @@ mod joint;
 mod position_loop;
 mod recording;
 mod scenario_file;
+mod switches;
 mod wire;
