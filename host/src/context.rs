@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use control::robot::RobotModel;
+use protocol::link::{ALL_JOINTS, ModuleState, Tag, ToModule};
 
 use crate::cli::{Global, parse_duration};
 use crate::failure::{Exit, Failure, Outcome};
@@ -12,6 +13,9 @@ use crate::link::keys::KeyStore;
 use crate::link::{self, LinkError, PortUri, Robot};
 use crate::output::{Level, Output};
 use crate::settings::{self, Key, Settings};
+
+/// The emulated drivers have all been read once this long after power-up.
+const EMULATED_START: Duration = Duration::from_millis(300);
 
 /// What every command gets.
 #[derive(Debug)]
@@ -146,7 +150,10 @@ impl Context {
     /// Exit codes 4, 5, 6.
     pub fn connect_to(&self, uri: &PortUri) -> Outcome<Robot> {
         let link = link::open(uri, self.baud())?;
-        let robot = Robot::connect(link, self.timeout(), &self.keys())?;
+        let mut robot = Robot::connect(link, self.timeout(), &self.keys())?;
+        if uri.is_sim() {
+            home_the_emulated(&mut robot)?;
+        }
         let hello = robot.hello();
         self.out.detail(format_args!(
             "robot {} on {uri}, firmware {}",
@@ -154,4 +161,16 @@ impl Context {
         ));
         Ok(robot)
     }
+}
+
+/// The emulated robot is built in its home pose, so its zero can be taken at once. A real one is placed by hand.
+fn home_the_emulated(robot: &mut Robot) -> Outcome {
+    while robot.link().now() < EMULATED_START {
+        robot.next(Duration::from_millis(50))?;
+    }
+    let info = robot.info()?;
+    if info.state == ModuleState::Unhomed && info.motor_mask == ALL_JOINTS {
+        robot.order(&ToModule::Zero { joint_mask: ALL_JOINTS, tag: Tag::NONE })?;
+    }
+    Ok(())
 }

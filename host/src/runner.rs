@@ -13,6 +13,7 @@ use protocol::link::{
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::link::{LinkError, Robot, telemetry, text};
+use crate::recording::timing::{is_first_of_cycle, start_us};
 use crate::recording::{EventRow, Recorder, RunEndRow, RunStart};
 
 /// A robot that says nothing for this long in a run is asked whether it is still there.
@@ -268,10 +269,13 @@ impl Run<'_> {
             return Ok(());
         }
         let row = telemetry::row(self.run, sample);
-        if !row.approach {
-            let first = *self.first_tick_us.get_or_insert(row.t_us);
-            self.bar
-                .set_position(row.t_us.saturating_sub(first) / 1_000_000);
+        if is_first_of_cycle(&row) {
+            let period_us = 1_000_000 / u64::from(self.order.rate_hz.max(1));
+            let first = *self.first_tick_us.get_or_insert_with(|| start_us(&row, period_us));
+            self.bar.set_position(row.t_us.saturating_sub(first) / 1_000_000);
+        }
+        if self.first_tick_us.is_some() {
+
             for joint in &row.joints {
                 if let Some(feedback) = joint.feedback {
                     self.square_sum += (joint.setpoint_rad - feedback.position_rad).powi(2);

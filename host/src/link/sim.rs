@@ -3,12 +3,51 @@
 use std::path::Path;
 use std::time::Duration;
 
+use hil_sim::robot::link::LinkLine;
+use hil_sim::robot::{EmulatedRobot, Setup};
+use hil_sim::scenario::{self, Scenario};
+use hil_sim::world::World;
+
 use super::{Link, LinkError, PortUri};
+use crate::gait_file::read_text;
+
+/// Largest scenario file.
+const MAX_BYTES: usize = 1 << 20;
 
 /// The emulated robot as a link.
-#[derive(Debug)]
 pub struct SimLink {
     uri: PortUri,
+    robot: EmulatedRobot<World>,
+    line: LinkLine,
+}
+
+impl core::fmt::Debug for SimLink {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("SimLink").field("uri", &self.uri).finish_non_exhaustive()
+    }
+}
+
+/// Reads a scenario; without a file six catalogue motors without faults.
+///
+/// # Errors
+/// [`LinkError::Scenario`]
+pub fn load_scenario(path: Option<&Path>) -> Result<Scenario, LinkError> {
+    let text = match path {
+        Some(path) => read_text(path, MAX_BYTES).map_err(|e| LinkError::Scenario(e.to_string()))?,
+        None => String::new(),
+    };
+    let name = path.map_or_else(|| "sim:".to_owned(), |p| p.display().to_string());
+    scenario::parse(&name, &text).map_err(|e| LinkError::Scenario(e.to_string()))
+}
+
+/// A robot of this scenario, its joints in the home pose, just powered.
+///
+/// # Errors
+/// [`LinkError::Scenario`]
+pub fn robot_of(scenario: &Scenario) -> Result<EmulatedRobot<World>, LinkError> {
+    let world = World::on_stand(&scenario.world).map_err(|e| LinkError::Scenario(e.to_string()))?;
+    let setup = Setup { seed: scenario.world.seed, ..Setup::default() };
+    Ok(EmulatedRobot::with_motors(setup, world))
 }
 
 impl SimLink {
@@ -16,25 +55,37 @@ impl SimLink {
     ///
     /// # Errors
     /// [`LinkError::Scenario`]
-    pub fn open(scenario: Option<&Path>) -> Result<Self, LinkError> {
-        let uri = PortUri::Sim(scenario.map(Path::to_owned));
-        Ok(Self { uri })
+    pub fn open(path: Option<&Path>) -> Result<Self, LinkError> {
+        let robot = robot_of(&load_scenario(path)?)?;
+        let line = robot.link();
+        Ok(Self { uri: PortUri::Sim(path.map(Path::to_owned)), robot, line })
     }
 }
 
 impl Link for SimLink {
-    fn send(&mut self, _bytes: &[u8]) -> Result<(), LinkError> {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), LinkError> {
+        self.line.write(bytes);
         Ok(())
     }
-    fn receive(&mut self, _wait: Duration, _into: &mut Vec<u8>) -> Result<(), LinkError> {
+
+    fn receive(&mut self, wait: Duration, into: &mut Vec<u8>) -> Result<(), LinkError> {
+        if self.line.read(into) == 0 {
+            let wait_us = u64::try_from(wait.as_micros()).unwrap_or(u64::MAX).max(1);
+            self.robot.run_until_readable(self.robot.now_us().saturating_add(wait_us));
+            self.line.read(into);
+        }
         Ok(())
     }
+
     fn now(&self) -> Duration {
-        Duration::ZERO
+        Duration::from_micros(self.robot.now_us())
     }
+
     fn reconnect(&mut self) -> Result<(), LinkError> {
+        self.line.reconnect();
         Ok(())
     }
+
     fn uri(&self) -> &PortUri {
         &self.uri
     }

@@ -8,7 +8,8 @@ use control::gait::Gait;
 use control::robot::{JOINT_NAMES, JOINTS, RobotModel};
 
 use crate::recording::check::gaps;
-use crate::recording::{RunData, SampleRow, csv};
+use crate::recording::timing::Timing;
+use crate::recording::{RunData, SampleRow};
 use panel::{Band, Curve, Panel};
 use svg::Svg;
 
@@ -33,8 +34,10 @@ fn colour(joint: usize) -> &'static str {
 /// A run: film strip, set-points against positions of six joints, currents and bus voltage.
 #[must_use]
 pub fn run_svg(run: &RunData, model: &RobotModel) -> String {
-    let start_us = csv::start_us(run);
-    let seconds = |t_us: u64| (t_us as f64 - start_us as f64) / 1e6;
+    let first_us = run.samples.first().map_or(0, |s| s.t_us);
+    let timing = Timing::of(run).unwrap_or(Timing { period_us: control::CYCLE_US, start_us: first_us, end_us: first_us });
+    let seconds = |t_us: u64| (t_us as f64 - timing.start_us as f64) / 1e6;
+
     let span = (
         run.samples.first().map_or(0.0, |s| seconds(s.t_us)),
         run.samples.last().map_or(1.0, |s| seconds(s.t_us)),
@@ -56,7 +59,7 @@ pub fn run_svg(run: &RunData, model: &RobotModel) -> String {
         // Module A on the left, B on the right.
         let (column, row) = (joint / 3, joint % 3);
         let at = place(column, row);
-        joint_panel(run, joint, &seconds).draw(&mut out, at, (COLUMN, PANEL_HEIGHT), span, &bands);
+        joint_panel(run, joint, &timing, &seconds).draw(&mut out, at, (COLUMN, PANEL_HEIGHT), span, &bands);
     }
     current_panel(run, &seconds).draw(&mut out, place(0, 3), (COLUMN, PANEL_HEIGHT), span, &bands);
     voltage_panel(run, &seconds).draw(&mut out, place(1, 3), (COLUMN, PANEL_HEIGHT), span, &bands);
@@ -149,7 +152,7 @@ fn bands(run: &RunData, seconds: &impl Fn(u64) -> f64) -> Vec<Band> {
             });
         }
     };
-    spans(&|s| s.approach, "#e8f0fa");
+    spans(&|s| s.approach || s.cycle == 0, "#e8f0fa");
     spans(&|s| s.hold, "#f6c7c7");
     bands.extend(gaps(run).iter().map(|g| Band {
         from: seconds(g.after_us),
@@ -159,17 +162,19 @@ fn bands(run: &RunData, seconds: &impl Fn(u64) -> f64) -> Vec<Band> {
     bands
 }
 
-fn joint_panel(run: &RunData, joint: usize, seconds: &impl Fn(u64) -> f64) -> Panel {
+fn joint_panel(run: &RunData, joint: usize, timing: &Timing, seconds: &impl Fn(u64) -> f64) -> Panel {
     let mut setpoint = Vec::new();
     let mut position = Vec::new();
     let mut squares = 0.0;
     for sample in &run.samples {
         let row = &sample.joints[joint];
         // A set-point holds until the next one.
+        let sent_s = seconds(timing.sent_us(sample));
         if let Some(&(_, before)) = setpoint.last() {
-            setpoint.push((seconds(sample.t_us), before));
+            setpoint.push((sent_s, before));
         }
-        setpoint.push((seconds(sample.t_us), row.setpoint_rad.to_degrees()));
+        setpoint.push((sent_s, row.setpoint_rad.to_degrees()));
+
         if let Some(feedback) = row.feedback {
             let error = row.setpoint_rad - feedback.position_rad;
             squares += error * error;

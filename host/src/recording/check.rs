@@ -3,6 +3,7 @@
 use control::gait::Gait;
 
 use super::reader::{Recording, RunData};
+use super::timing::is_first_of_cycle;
 
 /// Set-points travel in whole microradians, so a right one is at most half of one away.
 const SETPOINT_TOLERANCE_RAD: f64 = 0.6e-6;
@@ -203,14 +204,10 @@ fn other_setpoints(run: &RunData, gait: &Gait) -> Option<FindingKind> {
     let duration_s = run.start.as_ref().map_or(0.0, |s| s.duration_s);
     let cycles = (duration_s / f64::from(control::CYCLE_S)).round() as u32;
     let mut state = control::cpg::start(gait);
-    let mut samples = run
-        .samples
-        .iter()
-        .filter(|s| !s.approach && s.new_setpoint)
-        .peekable();
+    let mut samples = run.samples.iter().filter(|s| is_first_of_cycle(s)).peekable();
     for cycle in 0..cycles {
         let expected = control::cpg::step(gait, &mut state, control::CYCLE_S);
-        let Some(sample) = samples.next_if(|s| s.cycle == cycle) else {
+        let Some(sample) = samples.next_if(|s| s.cycle == cycle + 1) else {
             continue;
         };
         if sample.hold {

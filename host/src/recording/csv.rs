@@ -1,7 +1,8 @@
 //! A run as CSV with the columns of the data set format (docs/recording.md).
 //!
 //! Time is the device clock, counted from the first CPG tick of the run. Set-points have the row of the instant they were
-//! sent; each measurement has the row of its own instant. The approach to the start pose is left out: it is not the gait.
+//! sent; each measurement has the row of its own instant. The way to the start pose and the stop are left out: they are not
+//! the gait.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -10,6 +11,7 @@ use control::robot::JOINTS;
 
 use super::reader::RunData;
 use super::rows::Feedback;
+use super::timing::Timing;
 
 /// Measured columns of a joint, in file order.
 const MEASURED: [&str; 6] = [
@@ -32,30 +34,14 @@ struct Row {
 /// Writes the run. The same recording gives the same bytes.
 #[must_use]
 pub fn to_csv(run: &RunData) -> String {
-    let rows = rows(run);
     let mut out = header();
-    let start_us = start_us(run);
+    let Some(timing) = Timing::of(run) else { return out };
     let mut torque = false;
-    for (t_us, row) in &rows {
-        torque = if row.setpoints_rad.is_some() {
-            row.torque
-        } else {
-            torque
-        };
-        line(&mut out, *t_us as i128 - i128::from(start_us), row, torque);
+    for (t_us, row) in &rows(run, &timing) {
+        torque = if row.setpoints_rad.is_some() { row.torque } else { torque };
+        line(&mut out, *t_us as i128 - i128::from(timing.start_us), row, torque);
     }
     out
-}
-
-/// Device time of the first CPG tick that was recorded.
-#[must_use]
-pub fn start_us(run: &RunData) -> u64 {
-    let first = run.samples.iter().find(|s| !s.approach);
-    // A sample that was dropped at the start still counts: cycles are 50 ms apart.
-    first.map_or(0, |s| {
-        s.t_us
-            .saturating_sub(u64::from(s.cycle) * control::CYCLE_US)
-    })
 }
 
 fn header() -> String {
@@ -71,18 +57,19 @@ fn header() -> String {
 }
 
 /// Rows by their instant.
-fn rows(run: &RunData) -> BTreeMap<u64, Row> {
+fn rows(run: &RunData, timing: &Timing) -> BTreeMap<u64, Row> {
     let mut rows: BTreeMap<u64, Row> = BTreeMap::new();
-    for sample in run.samples.iter().filter(|s| !s.approach) {
+    for sample in run.samples.iter().filter(|s| timing.is_gait(s)) {
         if sample.new_setpoint {
-            let row = rows.entry(sample.t_us).or_default();
+            // New set-points leave when the last driver of that cycle has answered, which takes as long in every cycle.
+            let answered_us = |f: &Feedback| f.t_us.saturating_sub(sample.t_us);
+            let bus_us = sample.joints.iter().flat_map(|j| j.feedback.as_ref()).map(answered_us).max().unwrap_or(0);
+            let row = rows.entry(timing.sent_us(sample) + bus_us).or_default();
             row.setpoints_rad = Some(sample.joints.map(|j| j.setpoint_rad));
             row.torque = sample.torque;
         }
         for (k, joint) in sample.joints.iter().enumerate() {
-            let Some(feedback) = joint.feedback else {
-                continue;
-            };
+            let Some(feedback) = joint.feedback else { continue };
             rows.entry(feedback.t_us).or_default().feedback[k] = Some(feedback);
         }
     }

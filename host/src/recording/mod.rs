@@ -13,6 +13,7 @@ mod reader;
 pub mod rows;
 mod scan;
 pub mod schema;
+pub mod timing;
 mod writer;
 
 pub use reader::{Attachment, ChannelCount, ReadError, Recording, RunData, parse, read};

@@ -7,7 +7,7 @@ use control::robot::JOINTS;
 pub struct SampleRow {
     /// Run within the recording, from 0.
     pub run: u32,
-    /// CPG cycle within the run.
+    /// CPG cycles whose set-points had been sent before this sample; its set-points are those of the last of them.
     pub cycle: u32,
     /// Device clock at the begin of the sample's cycle, microseconds since boot. No two samples share it.
     pub t_us: u64,

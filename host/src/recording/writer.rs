@@ -289,10 +289,9 @@ impl Recorder {
     /// # Errors
     /// [`RecorderError::Write`]
     pub fn finish(mut self) -> Result<(), RecorderError> {
-        self.write(|w| {
-            w.finish()?;
-            w.flush()
-        })
+        self.write(|w| w.finish().map(drop))?;
+        let Self { path, writer, .. } = self;
+        writer.into_inner().flush().map_err(|e| RecorderError::Write { path, source: e.into() })
     }
 
     /// The file being written.
