@@ -170,7 +170,10 @@ fn home_the_emulated(robot: &mut Robot) -> Outcome {
     }
     let info = robot.info()?;
     if info.state == ModuleState::Unhomed && info.motor_mask == ALL_JOINTS {
-        robot.order(&ToModule::Zero { joint_mask: ALL_JOINTS, tag: Tag::NONE })?;
+        robot.order(&ToModule::Zero {
+            joint_mask: ALL_JOINTS,
+            tag: Tag::NONE,
+        })?;
     }
     Ok(())
 }

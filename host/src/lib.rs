@@ -15,6 +15,7 @@ pub mod cli;
 pub mod cmd;
 pub mod context;
 pub mod failure;
+pub mod faults;
 pub mod gait_file;
 pub mod interrupt;
 pub mod link;

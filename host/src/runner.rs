@@ -271,11 +271,13 @@ impl Run<'_> {
         let row = telemetry::row(self.run, sample);
         if is_first_of_cycle(&row) {
             let period_us = 1_000_000 / u64::from(self.order.rate_hz.max(1));
-            let first = *self.first_tick_us.get_or_insert_with(|| start_us(&row, period_us));
-            self.bar.set_position(row.t_us.saturating_sub(first) / 1_000_000);
+            let first = *self
+                .first_tick_us
+                .get_or_insert_with(|| start_us(&row, period_us));
+            self.bar
+                .set_position(row.t_us.saturating_sub(first) / 1_000_000);
         }
         if self.first_tick_us.is_some() {
-
             for joint in &row.joints {
                 if let Some(feedback) = joint.feedback {
                     self.square_sum += (joint.setpoint_rad - feedback.position_rad).powi(2);

@@ -13,6 +13,7 @@ pub mod completions;
 pub mod config;
 pub mod doctor;
 pub mod download;
+pub mod emulate;
 pub mod gait;
 pub mod info;
 pub mod list;
@@ -71,6 +72,7 @@ commands! {
     Reset => reset,
     Bus => bus,
     Gait => gait,
+    Emulate => emulate,
     Rec => rec,
     Sim => sim,
     Optimise => optimise,

@@ -23,7 +23,9 @@ pub struct SimLink {
 
 impl core::fmt::Debug for SimLink {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("SimLink").field("uri", &self.uri).finish_non_exhaustive()
+        f.debug_struct("SimLink")
+            .field("uri", &self.uri)
+            .finish_non_exhaustive()
     }
 }
 
@@ -46,7 +48,10 @@ pub fn load_scenario(path: Option<&Path>) -> Result<Scenario, LinkError> {
 /// [`LinkError::Scenario`]
 pub fn robot_of(scenario: &Scenario) -> Result<EmulatedRobot<World>, LinkError> {
     let world = World::on_stand(&scenario.world).map_err(|e| LinkError::Scenario(e.to_string()))?;
-    let setup = Setup { seed: scenario.world.seed, ..Setup::default() };
+    let setup = Setup {
+        seed: scenario.world.seed,
+        ..Setup::default()
+    };
     Ok(EmulatedRobot::with_motors(setup, world))
 }
 
@@ -58,7 +63,11 @@ impl SimLink {
     pub fn open(path: Option<&Path>) -> Result<Self, LinkError> {
         let robot = robot_of(&load_scenario(path)?)?;
         let line = robot.link();
-        Ok(Self { uri: PortUri::Sim(path.map(Path::to_owned)), robot, line })
+        Ok(Self {
+            uri: PortUri::Sim(path.map(Path::to_owned)),
+            robot,
+            line,
+        })
     }
 }
 
@@ -71,7 +80,8 @@ impl Link for SimLink {
     fn receive(&mut self, wait: Duration, into: &mut Vec<u8>) -> Result<(), LinkError> {
         if self.line.read(into) == 0 {
             let wait_us = u64::try_from(wait.as_micros()).unwrap_or(u64::MAX).max(1);
-            self.robot.run_until_readable(self.robot.now_us().saturating_add(wait_us));
+            self.robot
+                .run_until_readable(self.robot.now_us().saturating_add(wait_us));
             self.line.read(into);
         }
         Ok(())

@@ -18,7 +18,7 @@ const WIDTH: f64 = 1160.0;
 const MARGIN: f64 = 24.0;
 const COLUMN: f64 = (WIDTH - 3.0 * MARGIN) / 2.0;
 const PANEL_HEIGHT: f64 = 150.0;
-const STRIP_HEIGHT: f64 = 150.0;
+const STRIP_HEIGHT: f64 = 132.0;
 
 /// Colours that stay apart in grey and for colour-blind readers (Okabe and Ito 2008).
 pub(crate) const MODULE_A: &str = "#0072b2";
@@ -35,14 +35,18 @@ fn colour(joint: usize) -> &'static str {
 #[must_use]
 pub fn run_svg(run: &RunData, model: &RobotModel) -> String {
     let first_us = run.samples.first().map_or(0, |s| s.t_us);
-    let timing = Timing::of(run).unwrap_or(Timing { period_us: control::CYCLE_US, start_us: first_us, end_us: first_us });
+    let timing = Timing::of(run).unwrap_or(Timing {
+        period_us: control::CYCLE_US,
+        start_us: first_us,
+        end_us: first_us,
+    });
     let seconds = |t_us: u64| (t_us as f64 - timing.start_us as f64) / 1e6;
 
     let span = (
         run.samples.first().map_or(0.0, |s| seconds(s.t_us)),
         run.samples.last().map_or(1.0, |s| seconds(s.t_us)),
     );
-    let height = 96.0 + STRIP_HEIGHT + 4.0 * (PANEL_HEIGHT + 34.0) + 30.0;
+    let height = 96.0 + STRIP_HEIGHT + 4.0 * (PANEL_HEIGHT + 34.0) + 50.0;
     let mut out = Svg::new(WIDTH, height);
     title(&mut out, run);
     strip::draw(
@@ -59,7 +63,13 @@ pub fn run_svg(run: &RunData, model: &RobotModel) -> String {
         // Module A on the left, B on the right.
         let (column, row) = (joint / 3, joint % 3);
         let at = place(column, row);
-        joint_panel(run, joint, &timing, &seconds).draw(&mut out, at, (COLUMN, PANEL_HEIGHT), span, &bands);
+        joint_panel(run, joint, &timing, &seconds).draw(
+            &mut out,
+            at,
+            (COLUMN, PANEL_HEIGHT),
+            span,
+            &bands,
+        );
     }
     current_panel(run, &seconds).draw(&mut out, place(0, 3), (COLUMN, PANEL_HEIGHT), span, &bands);
     voltage_panel(run, &seconds).draw(&mut out, place(1, 3), (COLUMN, PANEL_HEIGHT), span, &bands);
@@ -162,7 +172,12 @@ fn bands(run: &RunData, seconds: &impl Fn(u64) -> f64) -> Vec<Band> {
     bands
 }
 
-fn joint_panel(run: &RunData, joint: usize, timing: &Timing, seconds: &impl Fn(u64) -> f64) -> Panel {
+fn joint_panel(
+    run: &RunData,
+    joint: usize,
+    timing: &Timing,
+    seconds: &impl Fn(u64) -> f64,
+) -> Panel {
     let mut setpoint = Vec::new();
     let mut position = Vec::new();
     let mut squares = 0.0;

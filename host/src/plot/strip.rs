@@ -10,7 +10,7 @@ use crate::recording::RunData;
 
 const FRAMES: usize = 9;
 /// Pixels per metre: the stretched robot (0.45 m) fills a frame.
-const SCALE: f64 = 235.0;
+const SCALE: f64 = 250.0;
 /// Light tints of the module colours for the proximal halves.
 const TINTS: [&str; 2] = ["#b5d8ee", "#f6cfae"];
 /// Joint through the centre of each cube: its axis is the normal of the cut between the two half-spheres.
@@ -61,9 +61,9 @@ pub(super) fn draw(
     }
 }
 
-/// Viewing frame: x to the right and slightly towards the viewer, seen from 25 degrees above.
+/// Viewing frame: x to the right, turned and seen from above by 25 degrees each: both halves of all four cubes show.
 fn view() -> Rot3 {
-    let turn = Rot3::about(Vec3::new(0.0, 0.0, 1.0), -0.5);
+    let turn = Rot3::about(Vec3::new(0.0, 0.0, 1.0), 0.44);
     let tilt = Rot3::about(Vec3::new(1.0, 0.0, 0.0), 0.44);
     turn.then_outer(&tilt)
 }

@@ -204,7 +204,11 @@ fn other_setpoints(run: &RunData, gait: &Gait) -> Option<FindingKind> {
     let duration_s = run.start.as_ref().map_or(0.0, |s| s.duration_s);
     let cycles = (duration_s / f64::from(control::CYCLE_S)).round() as u32;
     let mut state = control::cpg::start(gait);
-    let mut samples = run.samples.iter().filter(|s| is_first_of_cycle(s)).peekable();
+    let mut samples = run
+        .samples
+        .iter()
+        .filter(|s| is_first_of_cycle(s))
+        .peekable();
     for cycle in 0..cycles {
         let expected = control::cpg::step(gait, &mut state, control::CYCLE_S);
         let Some(sample) = samples.next_if(|s| s.cycle == cycle + 1) else {

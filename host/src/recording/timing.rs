@@ -24,12 +24,21 @@ impl Timing {
     /// Works out the instants of a run, if any of its samples belongs to the gait.
     #[must_use]
     pub fn of(run: &RunData) -> Option<Self> {
-        let rate_hz = run.start.as_ref().map(|s| s.rate_hz).filter(|r| *r > 0.0).unwrap_or(DEFAULT_RATE_HZ);
+        let rate_hz = run
+            .start
+            .as_ref()
+            .map(|s| s.rate_hz)
+            .filter(|r| *r > 0.0)
+            .unwrap_or(DEFAULT_RATE_HZ);
         let period_us = (1e6 / rate_hz).round() as u64;
         let first = run.samples.iter().find(|s| is_first_of_cycle(s))?;
         let start_us = start_us(first, period_us);
         let last_cycle = run.samples.iter().map(|s| s.cycle).max().unwrap_or(0);
-        Some(Self { period_us, start_us, end_us: start_us + u64::from(last_cycle) * control::CYCLE_US })
+        Some(Self {
+            period_us,
+            start_us,
+            end_us: start_us + u64::from(last_cycle) * control::CYCLE_US,
+        })
     }
 
     /// When the set-points that a sample shows were sent, without the bus time of the drivers' answers before them.

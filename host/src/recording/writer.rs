@@ -291,7 +291,13 @@ impl Recorder {
     pub fn finish(mut self) -> Result<(), RecorderError> {
         self.write(|w| w.finish().map(drop))?;
         let Self { path, writer, .. } = self;
-        writer.into_inner().flush().map_err(|e| RecorderError::Write { path, source: e.into() })
+        writer
+            .into_inner()
+            .flush()
+            .map_err(|e| RecorderError::Write {
+                path,
+                source: e.into(),
+            })
     }
 
     /// The file being written.

@@ -1,0 +1,188 @@
+//! `rb-host emulate`
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+
+use hil_sim::endpoint::{Endpoint, EndpointError, Pty, Serial, Tcp};
+use hil_sim::pace::{self, Pace, ServeEvent};
+use hil_sim::robot::serve::{RobotEvent, serve};
+use hil_sim::scenario::Scenario;
+use hil_sim::world::World;
+use serde_json::json;
+
+use crate::context::Context;
+use crate::failure::{Exit, Failure, Outcome};
+use crate::faults;
+use crate::interrupt;
+use crate::link::sim;
+
+/// Serve emulated hardware to other programs, until Ctrl-C
+///
+/// `motors` plays six drivers on the RS485 bus, for a real board on a USB-RS485 stick or a Dynamixel client.
+/// `robot` plays the whole robot, for any other program that speaks the link protocol, rb-host included.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// What to emulate
+    #[arg(value_enum)]
+    what: What,
+    /// Pseudo terminal with a link to it at this path
+    #[arg(long, value_name = "LINK", group = "endpoint")]
+    pty: Option<PathBuf>,
+    /// TCP address to listen on, such as 127.0.0.1:5000 (port 0: any free one)
+    #[arg(long, value_name = "ADDRESS", group = "endpoint")]
+    tcp: Option<String>,
+    /// Real serial port, such as a USB-RS485 stick
+    #[arg(long, value_name = "PORT", group = "endpoint")]
+    serial: Option<String>,
+    /// Scenario file: motors, effects, faults
+    #[arg(long, value_name = "FILE")]
+    scenario: Option<PathBuf>,
+    /// Faults, such as drop=0.01,corrupt=1e-4,stall@4-6:joint2
+    #[arg(long, value_name = "LIST")]
+    fault: Option<String>,
+    /// Seed of all chance
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Motors: answer after the time the wire takes, or at once
+    #[arg(long, value_enum, default_value = "real")]
+    pace: PaceArg,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum What {
+    Motors,
+    Robot,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum PaceArg {
+    Real,
+    Prompt,
+}
+
+/// Baud rates of the two wires on a real serial port.
+const BUS_BAUD: u32 = 1_000_000;
+
+/// Serves until Ctrl-C.
+///
+/// # Errors
+/// Exit codes 2, 3, 4.
+pub fn run(args: &Args, context: &Context) -> Outcome {
+    let mut scenario = sim::load_scenario(args.scenario.as_deref())?;
+    if let Some(seed) = args.seed {
+        scenario.world.seed = seed;
+    }
+    if let Some(list) = &args.fault {
+        let faults =
+            faults::parse(list).map_err(|e| Failure::new(Exit::Usage, anyhow::Error::new(e)))?;
+        scenario.world.faults.extend(faults);
+    }
+    let mut endpoint = endpoint(args, context).map_err(endpoint_failed)?;
+    match args.what {
+        What::Motors => motors(args, context, &scenario, endpoint.as_mut()),
+        What::Robot => robot(context, &scenario, endpoint.as_mut()),
+    }
+}
+
+fn endpoint(args: &Args, context: &Context) -> Result<Box<dyn Endpoint>, EndpointError> {
+    if let Some(address) = &args.tcp {
+        return Ok(Box::new(Tcp::listen(address)?));
+    }
+    if let Some(port) = &args.serial {
+        let baud = if args.what == What::Motors {
+            BUS_BAUD
+        } else {
+            context.baud()
+        };
+        return Ok(Box::new(Serial::open(port, baud)?));
+    }
+    Ok(Box::new(Pty::open(args.pty.as_deref())?))
+}
+
+fn endpoint_failed(error: EndpointError) -> Failure {
+    Failure::new(Exit::Port, error)
+}
+
+fn ready(context: &Context, address: &str) {
+    context
+        .out
+        .result("rb.emulate/1", json!({ "address": address }), || {
+            format!("ready on {address}")
+        });
+    context.out.say("Ctrl-C ends it");
+}
+
+fn go_on() -> ControlFlow<()> {
+    if interrupt::pressed() {
+        ControlFlow::Break(())
+    } else {
+        ControlFlow::Continue(())
+    }
+}
+
+fn motors(
+    args: &Args,
+    context: &Context,
+    scenario: &Scenario,
+    endpoint: &mut dyn Endpoint,
+) -> Outcome {
+    let mut world = World::on_stand(&scenario.world)
+        .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?;
+    let pace = match args.pace {
+        PaceArg::Real => Pace::Real,
+        PaceArg::Prompt => Pace::Prompt,
+    };
+    let mut last = None;
+    pace::serve(&mut world, endpoint, pace, &mut |event| {
+        match event {
+            ServeEvent::Ready { address } => ready(context, address),
+            ServeEvent::Status { .. } => last = Some(event.clone()),
+        }
+        go_on()
+    })
+    .map_err(endpoint_failed)?;
+    if let Some(ServeEvent::Status {
+        virtual_s,
+        behind_s,
+        faults,
+        clients,
+        ..
+    }) = last
+    {
+        context.out.say(format_args!(
+            "{virtual_s:.1} s served to {clients} clients, {behind_s:.1} s left out"
+        ));
+        for fault in faults {
+            context.out.say(format_args!(
+                "fault {} struck {} times",
+                fault.name, fault.count
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn robot(context: &Context, scenario: &Scenario, endpoint: &mut dyn Endpoint) -> Outcome {
+    let mut robot = sim::robot_of(scenario)?;
+    let mut last = None;
+    serve(&mut robot, endpoint, &mut |event| {
+        match event {
+            RobotEvent::Ready { address } => ready(context, address),
+            RobotEvent::Status { .. } => last = Some(event.clone()),
+        }
+        go_on()
+    })
+    .map_err(endpoint_failed)?;
+    if let Some(RobotEvent::Status {
+        virtual_s,
+        behind_s,
+        resets,
+        clients,
+    }) = last
+    {
+        context.out.say(format_args!(
+            "{virtual_s:.1} s served to {clients} clients, {behind_s:.1} s left out, {resets} resets"
+        ));
+    }
+    Ok(())
+}
