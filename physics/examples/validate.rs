@@ -9,6 +9,7 @@ mod common;
 mod tools;
 
 use physics::Level;
+use physics::mjcf::Servo;
 use tools::{Bench, JOINTS, Report, TICKS, Track, median};
 
 /// Samples at 20 Hz of the instants that the tables compare, s.
@@ -130,7 +131,7 @@ fn main() {
     let (report, _) = tools::ours(Level::detect(), &trials, 0.004, 12);
     engines.push(("ours f32 lanes, 4 ms, 12 sweeps".to_owned(), report));
     for h in [0.0005, 0.001, 0.002, 0.004] {
-        if let Some(report) = bench.run_mujoco(h) {
+        if let Some(report) = bench.run_mujoco(h, Servo::Constraint) {
             engines.push((format!("MuJoCo, {} ms", h * 1e3), report));
         }
     }

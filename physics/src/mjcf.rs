@@ -141,9 +141,22 @@ fn joined(values: &[f64]) -> String {
     words.join(" ")
 }
 
+/// How the export builds the servo.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Servo {
+    /// Flywheel and dry tendon: the servo's own law (see the module).
+    Constraint,
+    /// MuJoCo's velocity actuator with a force range: fewer degrees of freedom, but a viscous law, soft enough to stay stable.
+    Actuator,
+}
+
+/// Gain of [`Servo::Actuator`], N m s/rad: the largest of 2, 5, 10 and 20 with which the robot does not throw itself about at 4 ms. MuJoCo
+/// evaluates the limited torque at the old speed, so a stiffer motor overshoots; this one lags by 1 rad/s per 2 N m.
+const ACTUATOR_GAIN: f64 = 2.0;
+
 /// The model as MJCF. Joints are `joint0..`, flywheels `wheel0..`, the base is body `body0` with a free joint; `per_turn` as in [`surface`].
 #[must_use]
-pub fn to_mjcf(params: &Params, time_step_s: f64, per_turn: usize) -> String {
+pub fn to_mjcf(params: &Params, time_step_s: f64, per_turn: usize, servo: Servo) -> String {
     let robot = &params.robot;
     let mut out = String::from("<mujoco model=\"metamodule\">\n");
     let _ = writeln!(
@@ -169,7 +182,30 @@ pub fn to_mjcf(params: &Params, time_step_s: f64, per_turn: usize) -> String {
     );
     let rigid = rigid_bodies(params);
     body(&mut out, params, &rigid, 0, 2);
-    for joint in 0..robot.motors() {
+    match servo {
+        Servo::Constraint => constraint_servos(&mut out, params),
+        Servo::Actuator => actuator_servos(&mut out, params),
+    }
+    out.push_str("  <contact>\n");
+    exclusions(&mut out, robot);
+    out.push_str("  </contact>\n</mujoco>\n");
+    out
+}
+
+fn actuator_servos(out: &mut String, params: &Params) {
+    out.push_str("  </worldbody>\n  <option integrator=\"implicitfast\"/>\n  <actuator>\n");
+    for (joint, j) in params.joints.iter().enumerate().take(params.robot.motors()) {
+        let t = j.max_torque_nm;
+        let _ = writeln!(
+            out,
+            "    <velocity name=\"motor{joint}\" joint=\"joint{joint}\" kv=\"{ACTUATOR_GAIN}\" forcerange=\"-{t} {t}\"/>"
+        );
+    }
+    out.push_str("  </actuator>\n");
+}
+
+fn constraint_servos(out: &mut String, params: &Params) {
+    for joint in 0..params.robot.motors() {
         // Far off, heavy enough that six newton metres for an hour change its speed by 2 %.
         let _ = writeln!(
             out,
@@ -178,17 +214,14 @@ pub fn to_mjcf(params: &Params, time_step_s: f64, per_turn: usize) -> String {
         );
     }
     out.push_str("  </worldbody>\n  <tendon>\n");
-    for (joint, j) in params.joints.iter().enumerate().take(robot.motors()) {
-        servo(&mut out, joint, j);
+    for (joint, j) in params.joints.iter().enumerate().take(params.robot.motors()) {
+        dry_tendon(out, joint, j);
     }
-    out.push_str("  </tendon>\n  <contact>\n");
-    exclusions(&mut out, robot);
-    out.push_str("  </contact>\n</mujoco>\n");
-    out
+    out.push_str("  </tendon>\n");
 }
 
 /// Dry friction of the tendon is the motor: at once (`solimp` near 1), at most `Tmax`.
-fn servo(out: &mut String, joint: usize, j: &JointParams) {
+fn dry_tendon(out: &mut String, joint: usize, j: &JointParams) {
     let _ = writeln!(
         out,
         "    <fixed name=\"motor{joint}\" frictionloss=\"{}\" solimpfriction=\"0.9999 0.9999 0.001 0.5 2\"><joint joint=\"joint{joint}\" coef=\"1\"/><joint joint=\"wheel{joint}\" coef=\"-1\"/></fixed>",

@@ -76,7 +76,8 @@ int main(int argc, char **argv) {
         qa[k] = m->jnt_qposadr[j];
         va[k] = m->jnt_dofadr[j];
         snprintf(name, sizeof name, "wheel%d", k);
-        wheel[k] = m->jnt_dofadr[mj_name2id(m, mjOBJ_JOINT, name)];
+        int w = mj_name2id(m, mjOBJ_JOINT, name);
+        wheel[k] = w < 0 ? -1 : m->jnt_dofadr[w];
     }
     double wall = 0, depth_sum = 0, depth_max = 0, squares = 0, h = m->opt.timestep;
     long depth_count = 0, contacts = 0, steps = 0, error_count = 0;
@@ -103,7 +104,10 @@ int main(int argc, char **argv) {
             if (tick > ticks) break;
             for (int k = 0; k < nj; k++) {
                 double v = servo[3 * k] * (now[k] - d->qpos[qa[k]]), limit = servo[3 * k + 1];
-                d->qvel[wheel[k]] = v > limit ? limit : v < -limit ? -limit : v;
+                v = v > limit ? limit : v < -limit ? -limit : v;
+                // Flywheels where the export has them, else velocity actuators in joint order.
+                if (wheel[k] >= 0) d->qvel[wheel[k]] = v;
+                else d->ctrl[k] = v;
             }
             mj_step(m, d);
             steps++;

@@ -3,7 +3,8 @@
 #![allow(dead_code)]
 
 use files::model::{Key, Model};
-use physics::{Drive, Level, Options, Outcome, Params, Start, Trial, mjcf, run_at};
+use physics::mjcf::{self, Servo};
+use physics::{Drive, Level, Options, Outcome, Params, Start, Trial, run_at};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -139,10 +140,15 @@ impl Bench {
         let write = |name: &str, data: &[u8]| {
             std::fs::write(folder.join(name), data).expect("the target folder can be written");
         };
-        write(
-            "model.xml",
-            mjcf::to_mjcf(params, 0.004, PER_TURN).as_bytes(),
-        );
+        for (name, servo) in [
+            ("model.xml", Servo::Constraint),
+            ("actuator.xml", Servo::Actuator),
+        ] {
+            write(
+                name,
+                mjcf::to_mjcf(params, 0.004, PER_TURN, servo).as_bytes(),
+            );
+        }
         write("robot.txt", robot_text(params).as_bytes());
         write("trials.bin", &trial_bytes(params, trials));
         let source = root.join("validation");
@@ -187,12 +193,16 @@ impl Bench {
         }
     }
 
-    /// Every trial in MuJoCo.
-    pub(crate) fn run_mujoco(&self, h: f64) -> Option<Report> {
+    /// Every trial in MuJoCo, with either form of the servo.
+    pub(crate) fn run_mujoco(&self, h: f64, servo: Servo) -> Option<Report> {
         let program = self.mujoco.as_ref()?;
+        let model = match servo {
+            Servo::Constraint => "model.xml",
+            Servo::Actuator => "actuator.xml",
+        };
         self.report(
             program,
-            &["model.xml", &h.to_string(), "trials.bin", "mujoco.bin"],
+            &[model, &h.to_string(), "trials.bin", "mujoco.bin"],
         )
     }
 
