@@ -47,12 +47,12 @@ pub unsafe extern "C" fn qemu_plugin_install(
         Ok(options) => options,
         Err(error) => {
             eprintln!(
-                "rb-shim: {error:?}; options are socket=PATH[,clock=HZ][,seed=N][,region=BEGIN:END+END][,stack=LOW:HIGH]"
+                "rb-shim: {error:?}; options are socket=PATH[,clock=HZ][,seed=N][,region=BEGIN:END+END][,profile=FILE][,stack=LOW:HIGH]"
             );
             return 1;
         }
     };
-    counters::install(id, &options.regions);
+    counters::install(id, &options);
     if let Err(error) = machine::install(options) {
         eprintln!("rb-shim: cannot reach the host side: {error}");
         return 1;

@@ -400,7 +400,7 @@ impl Machine {
     }
 
     fn report(&mut self, cause: Cause) -> std::io::Result<()> {
-        let (instructions, regions) = counters::read();
+        let (instructions, regions, profile) = counters::read();
         let mut report = Report::new(cause, now_ns());
         report.instructions = instructions;
         for (index, port) in Port::ALL.into_iter().enumerate() {
@@ -417,6 +417,7 @@ impl Machine {
         if cause == Cause::Final {
             report.watchdog_bites = self.watchdog_bites;
             report.regions = regions;
+            report.profile = profile;
             report.stack_untouched = self.options.stack.map_or(u64::MAX, untouched_stack);
         }
         report.write(&mut self.writer)
@@ -455,6 +456,9 @@ impl Machine {
                     true,
                 );
             }
+        }
+        if order.restart_counts {
+            counters::restart();
         }
         self.adc.set_sample(order.battery_sample);
         order

@@ -21,6 +21,8 @@ pub(crate) struct Options {
     pub(crate) seed: u64,
     /// `region=BEGIN:END+END…`, any number of times, addresses in hexadecimal.
     pub(crate) regions: Vec<RegionOption>,
+    /// `profile=FILE`: one line `START END` (hexadecimal) per function, in order of address.
+    pub(crate) profile: Vec<(u64, u64)>,
     /// `stack=LOW:HIGH`, hexadecimal: the painted stack.
     pub(crate) stack: Option<(u64, u64)>,
 }
@@ -55,6 +57,16 @@ fn range(value: &str) -> Option<(u64, u64)> {
     Some((hex(low)?, hex(high)?)).filter(|(low, high)| low < high)
 }
 
+fn profile(path: &str) -> Option<Vec<(u64, u64)>> {
+    let text = std::fs::read_to_string(path).ok()?;
+    let line = |line: &str| {
+        let (start, end) = line.split_once(' ')?;
+        Some((hex(start)?, hex(end)?))
+    };
+    let ranges = text.lines().map(line).collect::<Option<Vec<_>>>()?;
+    ranges.is_sorted().then_some(ranges)
+}
+
 /// Reads the options.
 pub(crate) fn parse<'a>(arguments: impl Iterator<Item = &'a str>) -> Result<Options, OptionError> {
     let mut socket = None;
@@ -63,6 +75,7 @@ pub(crate) fn parse<'a>(arguments: impl Iterator<Item = &'a str>) -> Result<Opti
         clock_hz: DEFAULT_CLOCK_HZ,
         seed: 0,
         regions: Vec::new(),
+        profile: Vec::new(),
         stack: None,
     };
     for argument in arguments {
@@ -75,6 +88,7 @@ pub(crate) fn parse<'a>(arguments: impl Iterator<Item = &'a str>) -> Result<Opti
             }
             "seed" => options.seed = value.parse().map_err(|_| bad())?,
             "region" => options.regions.push(region(value).ok_or_else(bad)?),
+            "profile" => options.profile = profile(value).ok_or_else(bad)?,
             "stack" => options.stack = Some(range(value).ok_or_else(bad)?),
             _ => return Err(bad()),
         }

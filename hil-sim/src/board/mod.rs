@@ -5,6 +5,7 @@
 //! - [`wire`]: the messages between the two
 //! - [`elf`]: symbols and sizes of the image
 //! - [`stack`]: bound of the stack from the image alone
+//! - [`table`]: size, stack and instructions of the image
 //! - [`tools`]: finds QEMU, builds image and plugin for tests
 //!
 //! Everything needs a Unix socket; elsewhere the module is absent.
@@ -14,5 +15,6 @@ pub mod host;
 pub mod peer;
 pub mod runner;
 pub mod stack;
+pub mod table;
 pub mod tools;
 pub mod wire;

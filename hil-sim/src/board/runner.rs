@@ -66,6 +66,8 @@ pub struct BoardConfig {
     pub seed: u64,
     /// Regions whose instructions are counted.
     pub regions: Vec<Region>,
+    /// Functions whose instructions are counted one by one: start and end address, in order of address.
+    pub profile: Vec<(u32, u32)>,
     /// Lowest and highest address of the painted stack, if its use is to be measured.
     pub stack: Option<(u32, u32)>,
     /// Where the guest's log goes (defmt frames); `None` drops it.
@@ -150,6 +152,8 @@ pub struct BoardFigures {
     pub watchdog_bites: u64,
     /// The counted regions in the order of the configuration.
     pub regions: Vec<RegionCount>,
+    /// Instructions of each function of the profile.
+    pub profile: Vec<u64>,
     /// Bytes of stack never used, if asked for.
     pub stack_untouched: Option<u64>,
 }
@@ -183,6 +187,7 @@ struct Inputs {
     stop_open: bool,
     battery_sample: u16,
     reset: bool,
+    restart_counts: bool,
     damage: Vec<u32>,
     pokes: Vec<Poke>,
 }
@@ -200,10 +205,19 @@ fn plugin_option(config: &BoardConfig, socket: &std::path::Path) -> OsString {
         let ends: Vec<_> = region.ends.iter().map(|end| format!("{end:x}")).collect();
         option.push(format!(",region={:x}:{}", region.begin, ends.join("+")));
     }
+    if !config.profile.is_empty() {
+        option.push(",profile=");
+        option.push(profile_path(socket));
+    }
     if let Some((low, high)) = config.stack {
         option.push(format!(",stack={low:x}:{high:x}"));
     }
     option
+}
+
+/// Where the plugin reads the functions of the profile.
+fn profile_path(socket: &std::path::Path) -> PathBuf {
+    socket.with_extension("profile")
 }
 
 fn socket_path() -> PathBuf {
@@ -254,6 +268,7 @@ impl<B: BusPeer> BoardRunner<B> {
             });
         // The name is no longer needed, whether it worked or not.
         let _ = std::fs::remove_file(&path);
+        let _ = std::fs::remove_file(profile_path(&path));
         let (child, writer) = started?;
         let mut reader = BufReader::new(
             writer
@@ -270,6 +285,7 @@ impl<B: BusPeer> BoardRunner<B> {
             stop_open: false,
             battery_sample: BATTERY_FULL_SAMPLE,
             reset: false,
+            restart_counts: false,
             damage: Vec::new(),
             pokes: Vec::new(),
         };
@@ -289,6 +305,16 @@ impl<B: BusPeer> BoardRunner<B> {
     }
 
     fn spawn(config: &BoardConfig, socket: &std::path::Path) -> Result<Child, BoardError> {
+        if !config.profile.is_empty() {
+            let lines: Vec<_> = config
+                .profile
+                .iter()
+                .map(|(start, end)| format!("{start:x} {end:x}\n"))
+                .collect();
+            let path = profile_path(socket);
+            std::fs::write(&path, lines.concat())
+                .map_err(|source| BoardError::Socket { path, source })?;
+        }
         let log = match &config.log {
             None => Stdio::null(),
             Some(path) => Stdio::from(File::create(path).map_err(|source| BoardError::Log {
@@ -364,6 +390,11 @@ impl<B: BusPeer> BoardRunner<B> {
         self.inputs.reset = true;
     }
 
+    /// Forgets the counted regions and the profile so far when time moves next.
+    pub fn restart_counts(&mut self) {
+        self.inputs.restart_counts = true;
+    }
+
     /// Makes the 64-bit word at this byte of the slot store unreadable when time moves next.
     pub fn damage(&mut self, byte: u32) {
         self.inputs.damage.push(byte);
@@ -417,6 +448,7 @@ impl<B: BusPeer> BoardRunner<B> {
             overruns: report.overruns,
             watchdog_bites: report.watchdog_bites,
             regions: report.regions.clone(),
+            profile: report.profile.clone(),
             stack_untouched: Some(report.stack_untouched).filter(|&bytes| bytes != u64::MAX),
         })
     }
@@ -464,6 +496,7 @@ impl<B: BusPeer> BoardRunner<B> {
             quit,
             stop_open: self.inputs.stop_open,
             reset: std::mem::take(&mut self.inputs.reset),
+            restart_counts: std::mem::take(&mut self.inputs.restart_counts),
             battery_sample: self.inputs.battery_sample,
             damage: std::mem::take(&mut self.inputs.damage),
             pokes: std::mem::take(&mut self.inputs.pokes),

@@ -22,8 +22,11 @@ pub struct Frame {
     pub bytes: u32,
     /// Entry addresses of what it calls or jumps to.
     pub calls: BTreeSet<u32>,
+    /// Addresses that it loads in two halves.
+    pub loads: BTreeSet<u32>,
     /// It calls through a pointer.
     pub indirect: bool,
+    low_half: [u32; 16],
     /// It moves the stack pointer by an amount that is not in the instruction.
     pub unbounded: bool,
 }
@@ -119,12 +122,20 @@ impl Frame {
                 self.bytes += 4 * u32::from(s & 0xff)
             }
             // STRD with write-back on SP.
-            (f, s) if f == 0xe96d => self.bytes += 4 * u32::from(s & 0xff),
+            (0xe96d, s) => self.bytes += 4 * u32::from(s & 0xff),
             (f, s) if f & 0xfbef == 0xf1ad && s & 0x8f00 == 0x0d00 => {
                 self.bytes += expand(immediate)
             }
             (f, s) if f & 0xfbff == 0xf2ad && s & 0x8f00 == 0x0d00 => self.bytes += immediate,
             (0xebad, s) if s & 0x0f00 == 0x0d00 => self.unbounded = true,
+            // MOVW, MOVT.
+            (f, s) if f & 0xfbf0 == 0xf240 && s & 0x8000 == 0 => {
+                self.low_half[usize::from(s >> 8 & 0xf)] = wide_16(f, s);
+            }
+            (f, s) if f & 0xfbf0 == 0xf2c0 && s & 0x8000 == 0 => {
+                let low = self.low_half[usize::from(s >> 8 & 0xf)];
+                self.loads.insert((wide_16(f, s) << 16 | low) & !1);
+            }
             // B.W, BL; the conditional B.W (encoding T3) does not leave a function.
             (f, s) if f & 0xf800 == 0xf000 && s & 0x9000 == 0x9000 => {
                 let target = super::elf::branch_target(f, s, at);
@@ -143,6 +154,11 @@ impl Frame {
             self.calls.insert(target);
         }
     }
+}
+
+/// The 16-bit immediate imm4:i:imm3:imm8 of MOVW and MOVT.
+fn wide_16(first: u16, second: u16) -> u32 {
+    (u32::from(first & 0xf) << 12) | wide_immediate(first, second)
 }
 
 /// The 12-bit immediate i:imm3:imm8.
@@ -216,8 +232,10 @@ pub fn bound(elf: &Elf<'_>) -> Option<StackBound> {
         .iter()
         .filter_map(|n| elf.address_of(n))
         .collect();
-    let taken: Vec<u32> = elf
+    let loaded = functions.values().flat_map(|f| f.loads.iter().copied());
+    let taken: BTreeSet<u32> = elf
         .addresses_in_data()
+        .chain(loaded)
         .filter(|a| {
             functions.contains_key(a) && !handlers.contains(a) && !faults.contains(a) && *a != reset
         })

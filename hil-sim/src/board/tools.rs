@@ -153,6 +153,7 @@ impl Built {
             plugin: self.plugin.clone(),
             seed: 1,
             regions: Vec::new(),
+            profile: Vec::new(),
             stack: None,
             log: None,
         }

@@ -70,6 +70,8 @@ pub struct RegionCount {
     pub max: u64,
     /// Sum over all runs.
     pub sum: u64,
+    /// Most instructions of all runs between two begins of the first region.
+    pub most_in_period: u64,
 }
 
 /// Why the plugin speaks.
@@ -102,6 +104,8 @@ pub struct Report {
     pub watchdog_bites: u64,
     /// Only in the last message: the counted regions, in the order of the plugin's options.
     pub regions: Vec<RegionCount>,
+    /// Only in the last message: instructions of each function of the profile.
+    pub profile: Vec<u64>,
     /// Only in the last message: bytes of stack never written; `u64::MAX` when not asked for.
     pub stack_untouched: u64,
 }
@@ -124,6 +128,8 @@ pub struct Order {
     pub stop_open: bool,
     /// Reset the guest now, as the reset pin would.
     pub reset: bool,
+    /// Forget the counted regions and the profile so far.
+    pub restart_counts: bool,
     /// What the battery's voltage converts to, 0..=4095.
     pub battery_sample: u16,
     /// Words of the slot store to make unreadable, by their first byte.
@@ -228,6 +234,7 @@ impl Report {
             overruns: [0; 3],
             watchdog_bites: 0,
             regions: Vec::new(),
+            profile: Vec::new(),
             stack_untouched: u64::MAX,
         }
     }
@@ -251,10 +258,12 @@ impl Report {
         out.u64(self.watchdog_bites);
         out.u64(self.regions.len() as u64);
         for r in &self.regions {
-            [r.runs, r.min, r.max, r.sum]
+            [r.runs, r.min, r.max, r.sum, r.most_in_period]
                 .iter()
                 .for_each(|&v| out.u64(v));
         }
+        out.u64(self.profile.len() as u64);
+        self.profile.iter().for_each(|&v| out.u64(v));
         out.u64(self.stack_untouched);
         to.write_all(&out.0)?;
         to.flush()
@@ -285,9 +294,13 @@ impl Report {
                     min: read_u64(from)?,
                     max: read_u64(from)?,
                     sum: read_u64(from)?,
+                    most_in_period: read_u64(from)?,
                 })
             })
             .collect::<io::Result<Vec<_>>>()?;
+        let profile = (0..read_count(from, MAX_BYTES)?)
+            .map(|_| read_u64(from))
+            .collect::<io::Result<_>>()?;
         let stack_untouched = read_u64(from)?;
         Ok(Report {
             cause,
@@ -298,6 +311,7 @@ impl Report {
             overruns,
             watchdog_bites,
             regions,
+            profile,
             stack_untouched,
         })
     }
@@ -313,6 +327,7 @@ impl Order {
         out.u8(u8::from(self.quit));
         out.u8(u8::from(self.stop_open));
         out.u8(u8::from(self.reset));
+        out.u8(u8::from(self.restart_counts));
         out.u64(u64::from(self.battery_sample));
         out.u64(self.damage.len() as u64);
         self.damage
@@ -339,6 +354,7 @@ impl Order {
             quit: read_bool(from)?,
             stop_open: read_bool(from)?,
             reset: read_bool(from)?,
+            restart_counts: read_bool(from)?,
             battery_sample: read_small(from)?,
             damage: (0..read_count(from, MAX_BYTES)?)
                 .map(|_| read_small(from))

@@ -1,0 +1,337 @@
+//! The figures of the image: sizes from the file, stack and instructions from a run in QEMU.
+
+use std::fmt;
+use std::time::Instant;
+
+use control::gait::Gait;
+use thiserror::Error;
+
+use super::elf::{Elf, ElfError, Region};
+use super::host::{AskError, BoardHost};
+use super::peer::Motors;
+use super::runner::{BoardConfig, BoardError, BoardFigures, BoardRunner};
+use super::stack::{self, StackBound};
+use super::tools::Built;
+use super::wire::{Port, RegionCount};
+use crate::robot::ideal::IdealMotors;
+
+/// Cycles per second of the core after start-up.
+const CORE_HZ: u64 = 80_000_000;
+/// Cycles per instruction that are reckoned with: QEMU counts instructions only. Wait states and branches included.
+const CYCLES_PER_INSTRUCTION: u64 = 2;
+/// Ticks per second.
+const TICK_HZ: u64 = 20;
+/// Share of a tick that the computing may take.
+const TARGET_SHARE: f64 = 0.10;
+/// Length of the run, ms.
+const RUN_MS: u32 = 30_000;
+/// Guest time within which the run must have ended, ns: approach and ramp included.
+const LIMIT_NS: u64 = 90_000_000_000;
+/// How many functions the profile shows.
+const PROFILE_ROWS: usize = 12;
+
+/// The regions, the first of which divides time into ticks: name and a part of the symbol.
+const PERIOD: (&str, &str) = ("total", "8firmware3app3App11begin_cycle");
+const PARTS: [(&str, &str); 2] = [
+    ("CPG", "7control3cpg7advance"),
+    ("pre-check", "7control8precheck10check_move"),
+];
+
+/// Why there is no table.
+#[derive(Debug, Error)]
+pub enum TableError {
+    /// The image cannot be read.
+    #[error("cannot read {path}: {source}")]
+    File {
+        /// The image.
+        path: std::path::PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// The image lacks something.
+    #[error(transparent)]
+    Elf(#[from] ElfError),
+    /// The image has no stack symbols: another linker script.
+    #[error("the image has no symbol {0}; it was not linked with memory.x of this workspace")]
+    NoStack(&'static str),
+    /// The run failed.
+    #[error(transparent)]
+    Board(#[from] BoardError),
+    /// A request failed.
+    #[error(transparent)]
+    Ask(#[from] AskError),
+    /// The run did not end.
+    #[error("the run did not end within 90 s of guest time")]
+    NoEnd,
+}
+
+/// Bytes of the image.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sizes {
+    /// Code and vector table.
+    pub text: u32,
+    /// Constants.
+    pub rodata: u32,
+    /// Initialised variables: flash and RAM.
+    pub data: u32,
+    /// Zeroed and uninitialised variables: RAM.
+    pub bss: u32,
+    /// The stack's own memory.
+    pub stack: u32,
+}
+
+/// One row of the instruction table.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TickRow {
+    /// What.
+    pub label: String,
+    /// Mean per tick.
+    pub mean: f64,
+    /// Most in one tick.
+    pub max: u64,
+}
+
+/// The table.
+#[derive(Clone, Debug)]
+pub struct BoardTable {
+    /// Sizes.
+    pub sizes: Sizes,
+    /// Stack used, by its paint, bytes.
+    pub stack_used: u32,
+    /// Bound from the call graph.
+    pub stack_bound: Option<StackBound>,
+    /// Instructions per tick: total first, then its parts.
+    pub rows: Vec<TickRow>,
+    /// Ticks counted.
+    pub ticks: u64,
+    /// The functions that execute most: share of all instructions and name.
+    pub profile: Vec<(f64, String)>,
+    /// Guest time of the run, s.
+    pub guest_s: f64,
+    /// Wall time of it, s.
+    pub wall_s: f64,
+    /// Figures of the plugin.
+    pub figures: BoardFigures,
+}
+
+/// Sizes from the sections.
+#[must_use]
+pub fn sizes(elf: &Elf<'_>) -> Sizes {
+    let mut sizes = Sizes::default();
+    for section in &elf.sections {
+        match (
+            section.stored,
+            section.writable,
+            section.code || section.name == ".vector_table",
+        ) {
+            (false, _, _) => sizes.bss += section.size,
+            (true, true, _) => sizes.data += section.size,
+            (true, false, true) => sizes.text += section.size,
+            (true, false, false) => sizes.rodata += section.size,
+        }
+    }
+    let symbol = |name| elf.address_of(name).unwrap_or(0);
+    sizes.stack = symbol("_stack_start").saturating_sub(symbol("_stack_end"));
+    sizes
+}
+
+/// The functions of the image in order of address, none overlapping.
+fn functions(elf: &Elf<'_>) -> Vec<(u32, u32, String)> {
+    let mut list: Vec<_> = elf
+        .symbols
+        .iter()
+        .filter(|s| s.function && s.size > 0)
+        .map(|s| (s.address, s.address + s.size, s.name.clone()))
+        .collect();
+    list.sort();
+    list.dedup_by_key(|f| f.0);
+    list
+}
+
+fn regions(elf: &Elf<'_>) -> Result<Vec<Region>, ElfError> {
+    let mut regions = vec![elf.period(PERIOD.0, PERIOD.1)?];
+    for (label, part) in PARTS {
+        regions.push(elf.region(label, part)?);
+    }
+    Ok(regions)
+}
+
+/// Uploads and runs a gait for 30 s on ideal motors and counts.
+///
+/// # Errors
+/// [`TableError`].
+pub fn measure(built: &Built, gait: &Gait) -> Result<BoardTable, TableError> {
+    let path = built.elf.clone();
+    let bytes = std::fs::read(&path).map_err(|source| TableError::File { path, source })?;
+    let elf = Elf::parse(&bytes)?;
+    let symbol = |name| elf.address_of(name).ok_or(TableError::NoStack(name));
+    let stack = (symbol("_stack_end")?, symbol("_stack_start")?);
+    let functions = functions(&elf);
+    let config = BoardConfig {
+        regions: regions(&elf)?,
+        profile: functions.iter().map(|f| (f.0, f.1)).collect(),
+        stack: Some(stack),
+        ..built.config()
+    };
+
+    let mut board = BoardRunner::start(&config, Motors::new(IdealMotors::new(false)))?;
+    let mut host = BoardHost::new(Port::Wire);
+    host.home(&mut board)?;
+    let digest = host.upload(&mut board, 0, gait)?;
+    board.restart_counts();
+    let (guest_ns, wall) = (board.now_ns(), Instant::now());
+    host.start(&mut board, 0, digest, RUN_MS)?;
+    host.wait_for_end(&mut board, LIMIT_NS)?
+        .ok_or(TableError::NoEnd)?;
+    let guest_s = (board.now_ns() - guest_ns) as f64 * 1e-9;
+    let wall_s = wall.elapsed().as_secs_f64();
+    let figures = board.finish()?;
+
+    let untouched = figures.stack_untouched.unwrap_or(0) as u32;
+    let ticks = figures.regions.first().map_or(0, |total| total.runs);
+    Ok(BoardTable {
+        sizes: sizes(&elf),
+        stack_used: (stack.1 - stack.0).saturating_sub(untouched),
+        stack_bound: stack::bound(&elf),
+        rows: rows(&figures.regions),
+        ticks,
+        profile: profile(&figures.profile, &functions),
+        guest_s,
+        wall_s,
+        figures,
+    })
+}
+
+fn rows(regions: &[RegionCount]) -> Vec<TickRow> {
+    let Some((total, parts)) = regions.split_first() else {
+        return Vec::new();
+    };
+    let ticks = total.runs.max(1) as f64;
+    let mean = |region: &RegionCount| region.sum as f64 / ticks;
+    let mut rows = vec![TickRow {
+        label: PERIOD.0.to_owned(),
+        mean: mean(total),
+        max: total.max,
+    }];
+    for (region, (label, _)) in parts.iter().zip(PARTS) {
+        rows.push(TickRow {
+            label: label.to_owned(),
+            mean: mean(region),
+            max: region.most_in_period,
+        });
+    }
+    let named: f64 = parts.iter().map(mean).sum();
+    rows.push(TickRow {
+        label: "bus, links, clock and the rest".to_owned(),
+        mean: mean(total) - named,
+        max: total.max - parts.iter().map(|p| p.min).sum::<u64>().min(total.max),
+    });
+    rows
+}
+
+fn profile(counts: &[u64], functions: &[(u32, u32, String)]) -> Vec<(f64, String)> {
+    let all = counts.iter().sum::<u64>().max(1) as f64;
+    let mut list: Vec<_> = counts
+        .iter()
+        .zip(functions)
+        .map(|(&count, f)| (count as f64 / all, plain_name(&f.2)))
+        .collect();
+    list.sort_by(|a, b| b.0.total_cmp(&a.0));
+    list.truncate(PROFILE_ROWS);
+    list
+}
+
+/// The path of a mangled name, good enough to read.
+fn plain_name(mangled: &str) -> String {
+    let Some(mut rest) = mangled.strip_prefix("_ZN") else {
+        return mangled.to_owned();
+    };
+    let mut parts = Vec::new();
+    while let Some(digits) = rest.find(|c: char| !c.is_ascii_digit()).filter(|&d| d > 0) {
+        let length: usize = rest[..digits].parse().unwrap_or(0);
+        let Some(part) = rest.get(digits..digits + length) else {
+            break;
+        };
+        parts.push(part);
+        rest = &rest[digits + length..];
+    }
+    // The last part is the hash.
+    parts.pop();
+    parts.join("::")
+}
+
+/// Instructions that fit into the target share of a tick.
+#[must_use]
+pub fn target_instructions() -> u64 {
+    let tick_cycles = CORE_HZ / TICK_HZ;
+    (tick_cycles as f64 * TARGET_SHARE) as u64 / CYCLES_PER_INSTRUCTION
+}
+
+impl fmt::Display for BoardTable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let s = &self.sizes;
+        writeln!(f, "| image | bytes |\n|---|---|")?;
+        writeln!(
+            f,
+            "| flash: code | {} |\n| flash: constants | {} |",
+            s.text, s.rodata
+        )?;
+        writeln!(f, "| flash: initial values | {} |", s.data)?;
+        writeln!(
+            f,
+            "| flash in all | {} of 1007616 |",
+            s.text + s.rodata + s.data
+        )?;
+        writeln!(
+            f,
+            "| RAM: variables (SRAM1) | {} of 98304 |",
+            s.data + s.bss
+        )?;
+        writeln!(f, "| RAM: stack (SRAM2) | {} |", s.stack)?;
+        writeln!(
+            f,
+            "| stack used in the run, by its paint | {} |",
+            self.stack_used
+        )?;
+        if let Some(bound) = &self.stack_bound {
+            writeln!(
+                f,
+                "| stack bound from the call graph | {} (thread {}, interrupt {}, fault {}) |",
+                bound.total_bytes(),
+                bound.thread_bytes,
+                bound.interrupt_bytes,
+                bound.fault_bytes
+            )?;
+        }
+        writeln!(
+            f,
+            "\n| instructions per 20 Hz tick ({} ticks) | mean | most |\n|---|---|---|",
+            self.ticks
+        )?;
+        for row in &self.rows {
+            writeln!(f, "| {} | {:.0} | {} |", row.label, row.mean, row.max)?;
+        }
+        let target = target_instructions();
+        let worst = self.rows.first().map_or(0, |row| row.max);
+        writeln!(
+            f,
+            "| target: {} | {:.1} % of the tick at most | {} |",
+            target,
+            100.0 * TARGET_SHARE * worst as f64 / target as f64,
+            if worst <= target { "met" } else { "missed" }
+        )?;
+        writeln!(f, "\n| function | share of the instructions |\n|---|---|")?;
+        for (share, name) in &self.profile {
+            writeln!(f, "| `{name}` | {:.1} % |", 100.0 * share)?;
+        }
+        writeln!(
+            f,
+            "\n{:.1} s of guest time in {:.1} s ({:.0} times real time), {} exchanges, bytes lost in the guest: {:?}.",
+            self.guest_s,
+            self.wall_s,
+            self.guest_s / self.wall_s.max(1e-9),
+            self.figures.exchanges,
+            self.figures.overruns
+        )
+    }
+}
