@@ -125,6 +125,7 @@ pub fn step(gait: &Gait, state: &mut CpgState, dt_s: f32) -> SetPoints {
 }
 
 /// Advances the state alone, with every amplitude target scaled by `amplitude_scale` (0 brings the robot to rest at its offsets).
+#[inline(never)] // instruction counts of the image begin at this symbol
 pub fn advance(gait: &Gait, state: &mut CpgState, dt_s: f32, amplitude_scale: f32) {
     let pull = coupling(gait, state);
     let rate = gait.rate_a_per_s();

@@ -130,6 +130,7 @@ pub struct Margins {
 }
 
 /// [`swept`], but a robot that already stands too close may move apart again.
+#[inline(never)] // instruction counts of the image begin at this symbol
 #[must_use]
 pub fn check_move(
     model: &RobotModel,

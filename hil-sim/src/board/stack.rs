@@ -2,7 +2,8 @@
 //!
 //! Frames are read from the instructions that lower the stack pointer; calls from `bl` and branches that leave the
 //! function. A call through a pointer may reach any function whose address stands in the image; it is taken as the
-//! deepest of them, two levels of such calls at most (poll of a task, wake of a waker). What cannot be bounded is listed.
+//! deepest of them, two levels of such calls at most. Tasks are the exception: only the executor's loop polls them.
+//! What cannot be bounded is listed.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -10,6 +11,9 @@ use super::elf::Elf;
 
 /// Exception frame with floating point registers: 26 words and 4 bytes of alignment (ARMv7-M B1.5.6).
 pub const EXCEPTION_FRAME_BYTES: u32 = 108;
+/// Part of the name of a task's entry, and of the only function that calls it.
+const TASK: &str = "TaskStorage";
+const TASK_CALLER: &str = "board_executor";
 /// Levels of calls through pointers that are followed.
 const POINTER_LEVELS: u32 = 2;
 
@@ -182,14 +186,26 @@ fn expand(immediate: u32) -> u32 {
 
 struct Walk<'a> {
     functions: &'a BTreeMap<u32, Frame>,
-    /// Depth of a call through a pointer at this level.
+    /// Depth of a call through a pointer, and of one that polls a task.
     pointer_bytes: u32,
+    task_bytes: u32,
     known: BTreeMap<u32, u32>,
     path: Vec<u32>,
     recursive: BTreeSet<String>,
 }
 
-impl Walk<'_> {
+impl<'a> Walk<'a> {
+    fn new(functions: &'a BTreeMap<u32, Frame>, pointer_bytes: u32, task_bytes: u32) -> Self {
+        Walk {
+            functions,
+            pointer_bytes,
+            task_bytes,
+            known: BTreeMap::new(),
+            path: Vec::new(),
+            recursive: BTreeSet::new(),
+        }
+    }
+
     fn depth(&mut self, entry: u32) -> u32 {
         if let Some(&known) = self.known.get(&entry) {
             return known;
@@ -209,10 +225,10 @@ impl Walk<'_> {
             .max()
             .unwrap_or(0);
         self.path.pop();
-        let pointer = if frame.indirect {
-            self.pointer_bytes
-        } else {
-            0
+        let pointer = match frame.indirect {
+            true if frame.name.contains(TASK_CALLER) => self.pointer_bytes.max(self.task_bytes),
+            true => self.pointer_bytes,
+            false => 0,
         };
         let bytes = frame.bytes + below.max(pointer);
         self.known.insert(entry, bytes);
@@ -240,29 +256,18 @@ pub fn bound(elf: &Elf<'_>) -> Option<StackBound> {
             functions.contains_key(a) && !handlers.contains(a) && !faults.contains(a) && *a != reset
         })
         .collect();
-    let mut recursive = BTreeSet::new();
-    let mut pointer_bytes = 0;
+    let is_task = |entry: &&u32| functions.get(*entry).is_some_and(|f| f.name.contains(TASK));
+    let (mut pointer_bytes, mut task_bytes) = (0, 0);
     for _ in 0..POINTER_LEVELS {
-        let mut walk = Walk {
-            functions: &functions,
-            pointer_bytes,
-            known: BTreeMap::new(),
-            path: Vec::new(),
-            recursive: BTreeSet::new(),
+        let mut walk = Walk::new(&functions, pointer_bytes, 0);
+        let deepest = |walk: &mut Walk<'_>, tasks: bool| {
+            let entries = taken.iter().filter(|&entry| is_task(&entry) == tasks);
+            entries.map(|&entry| walk.depth(entry)).max().unwrap_or(0)
         };
-        pointer_bytes = taken
-            .iter()
-            .map(|&entry| walk.depth(entry))
-            .max()
-            .unwrap_or(0);
+        task_bytes = deepest(&mut walk, true);
+        pointer_bytes = deepest(&mut walk, false);
     }
-    let mut walk = Walk {
-        functions: &functions,
-        pointer_bytes,
-        known: BTreeMap::new(),
-        path: Vec::new(),
-        recursive: BTreeSet::new(),
-    };
+    let mut walk = Walk::new(&functions, pointer_bytes, task_bytes);
     let thread_bytes = walk.depth(reset);
     let interrupt_bytes = handlers
         .iter()
@@ -274,12 +279,11 @@ pub fn bound(elf: &Elf<'_>) -> Option<StackBound> {
         .map(|&h| walk.depth(h) + EXCEPTION_FRAME_BYTES)
         .max()
         .unwrap_or(0);
-    recursive.append(&mut walk.recursive);
     Some(StackBound {
         thread_bytes,
         interrupt_bytes,
         fault_bytes,
-        recursive: recursive.into_iter().collect(),
+        recursive: walk.recursive.into_iter().collect(),
         unbounded: functions
             .values()
             .filter(|f| f.unbounded)

@@ -87,8 +87,8 @@ pub struct TickRow {
     pub label: String,
     /// Mean per tick.
     pub mean: f64,
-    /// Most in one tick.
-    pub max: u64,
+    /// Most in one tick; `None` for the rest, whose worst tick was not told apart.
+    pub max: Option<u64>,
 }
 
 /// The table.
@@ -211,20 +211,20 @@ fn rows(regions: &[RegionCount]) -> Vec<TickRow> {
     let mut rows = vec![TickRow {
         label: PERIOD.0.to_owned(),
         mean: mean(total),
-        max: total.max,
+        max: Some(total.max),
     }];
     for (region, (label, _)) in parts.iter().zip(PARTS) {
         rows.push(TickRow {
             label: label.to_owned(),
             mean: mean(region),
-            max: region.most_in_period,
+            max: Some(region.most_in_period),
         });
     }
     let named: f64 = parts.iter().map(mean).sum();
     rows.push(TickRow {
         label: "bus, links, clock and the rest".to_owned(),
         mean: mean(total) - named,
-        max: total.max - parts.iter().map(|p| p.min).sum::<u64>().min(total.max),
+        max: None,
     });
     rows
 }
@@ -309,10 +309,13 @@ impl fmt::Display for BoardTable {
             self.ticks
         )?;
         for row in &self.rows {
-            writeln!(f, "| {} | {:.0} | {} |", row.label, row.mean, row.max)?;
+            let max = row
+                .max
+                .map_or_else(|| "-".to_owned(), |max| max.to_string());
+            writeln!(f, "| {} | {:.0} | {max} |", row.label, row.mean)?;
         }
         let target = target_instructions();
-        let worst = self.rows.first().map_or(0, |row| row.max);
+        let worst = self.rows.first().and_then(|row| row.max).unwrap_or(0);
         writeln!(
             f,
             "| target: {} | {:.1} % of the tick at most | {} |",
