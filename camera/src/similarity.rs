@@ -14,8 +14,10 @@ pub enum SimilarityError {
         /// Index of the frame in the hardware film.
         frame: usize,
     },
-    /// No frame of one film falls on the other.
-    #[error("no frame of one film falls inside the other at a shift of {shift_frames} frames")]
+    /// No frame of one film falls on the other, or none shows the robot.
+    #[error(
+        "no frame of one film falls inside the other, or none shows the robot, at a shift of {shift_frames} frames"
+    )]
     NoCommonFrame {
         /// The shift asked for.
         shift_frames: i64,
@@ -31,21 +33,20 @@ pub enum SimilarityError {
     Weights,
 }
 
-/// Overlap over union of two frames; two empty frames are alike (1).
+/// Frames of different sizes do not compare.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SizesDiffer;
+
+/// Overlap over union of two frames; `None` when both are empty, for then there is nothing to compare.
 ///
 /// # Errors
-/// `None` when the sizes differ.
-#[must_use]
-pub fn ratio(a: &Silhouette, b: &Silhouette) -> Option<f64> {
-    let (overlap, union) = a.overlap_and_union_px(b)?;
-    Some(if union == 0 {
-        1.0
-    } else {
-        f64::from(overlap) / f64::from(union)
-    })
+/// When the sizes differ.
+pub fn ratio(a: &Silhouette, b: &Silhouette) -> Result<Option<f64>, SizesDiffer> {
+    let (overlap, union) = a.overlap_and_union_px(b).ok_or(SizesDiffer)?;
+    Ok((union > 0).then(|| f64::from(overlap) / f64::from(union)))
 }
 
-/// Mean of R[H(t), S(t + s)] over the frames both films have, with s in frames.
+/// Mean of R[H(t), S(t + s)] over the frames both films have and at least one shows the robot, with s in frames.
 ///
 /// # Errors
 /// See [`SimilarityError`].
@@ -65,8 +66,10 @@ pub fn mean_ratio(
         else {
             continue;
         };
-        sum += ratio(h, s).ok_or(SimilarityError::FrameSize { frame })?;
-        frames += 1;
+        if let Some(r) = ratio(h, s).map_err(|_| SimilarityError::FrameSize { frame })? {
+            sum += r;
+            frames += 1;
+        }
     }
     if frames == 0 {
         return Err(SimilarityError::NoCommonFrame { shift_frames });

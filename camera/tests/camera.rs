@@ -2,7 +2,9 @@
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 use camera::depth::{self, DepthError, DepthFrame, NO_READING, Samples};
-use camera::similarity::{gait_weight, mean_ratio, meta_fitness, ratio, repeatability};
+use camera::similarity::{
+    SizesDiffer, gait_weight, mean_ratio, meta_fitness, ratio, repeatability,
+};
 use camera::{Silhouette, Solid, View, picture};
 use control::linalg::{Pose, Vec3};
 use control::robot::RobotModel;
@@ -85,8 +87,12 @@ fn ratios_are_the_hand_counted_ones() {
     b.fill(3, 50, 100);
     b.fill(4, 0, 64);
     assert_eq!(a.overlap_and_union_px(&b), Some((40, 154)));
-    assert_eq!(ratio(&a, &b), Some(40.0 / 154.0));
-    assert_eq!(ratio(&a, &Silhouette::new(99, 10)), None);
+    assert_eq!(ratio(&a, &b), Ok(Some(40.0 / 154.0)));
+    assert_eq!(ratio(&a, &Silhouette::new(99, 10)), Err(SizesDiffer));
+    assert_eq!(
+        ratio(&Silhouette::new(9, 9), &Silhouette::new(9, 9)),
+        Ok(None)
+    );
     let empty = Silhouette::new(100, 10);
     let film_a = [a.clone(), a.clone(), empty.clone()];
     let film_b = [a.clone(), b.clone()];
@@ -120,7 +126,7 @@ fn a_recorded_depth_frame_becomes_the_rendered_silhouette() {
     let frame = depth::read_pgm(&file, Samples::LittleEndian).unwrap();
     let ground = depth::background(&[scene(None), scene(None), frame.clone()]).unwrap();
     let found = depth::silhouette(&frame, &ground, 10).unwrap();
-    assert!(ratio(&found, &truth).unwrap() > 0.98);
+    assert!(ratio(&found, &truth).unwrap().unwrap() > 0.98);
 }
 
 #[test]

@@ -51,6 +51,8 @@ pub struct FilmedGait {
     pub gait: Gait,
     /// One film per trial.
     pub films: Vec<Vec<Silhouette>>,
+    /// Where body 3 began, in the camera's world, m; simulated motions begin at 0, 0.
+    pub start_m: [f32; 2],
     /// W_gait, equation (7).
     pub weight: f64,
     /// Whether the fit may see it.
@@ -65,6 +67,7 @@ impl FilmedGait {
     pub fn new(
         gait: Gait,
         films: Vec<Vec<Silhouette>>,
+        start_m: [f32; 2],
         mean_speed_m_s: f64,
         training: bool,
     ) -> Result<Self, SimilarityError> {
@@ -73,6 +76,7 @@ impl FilmedGait {
         Ok(Self {
             gait,
             films,
+            start_m,
             weight,
             training,
         })
@@ -240,7 +244,7 @@ impl FilmMaker {
         }
     }
 
-    /// The simulated film S(t + s) at the times t of `frames` frames, every `stride`-th of them; times past the end of the motion
+    /// The simulated film, begun at `start_m`: S(t + s) at the times t of `frames` frames, every `stride`-th of them; times past the end of the motion
     /// are left out.
     ///
     /// # Errors
@@ -252,8 +256,9 @@ impl FilmMaker {
         parameters: &[f64; ROWS],
         frames: usize,
         stride: usize,
+        start_m: [f32; 2],
     ) -> Result<Vec<Silhouette>, ViewError> {
-        let view = self.view(parameters)?;
+        let view = self.view(parameters, start_m)?;
         let times = (0..frames)
             .step_by(stride.max(1))
             .map(|k| k as f64 / self.settings.rate_hz);
@@ -266,16 +271,16 @@ impl FilmMaker {
             .collect())
     }
 
-    /// The camera of these parameters.
+    /// The camera of these parameters over a motion that began at `start_m`.
     ///
     /// # Errors
     /// When its height is impossible.
-    pub fn view(&self, parameters: &[f64; ROWS]) -> Result<View, ViewError> {
+    pub fn view(&self, parameters: &[f64; ROWS], start_m: [f32; 2]) -> Result<View, ViewError> {
         let s = &self.settings;
         let height_m = parameters[CAMERA_HEIGHT] as f32;
         View::new(
             height_m,
-            (s.x_m, s.y_m),
+            (s.x_m - start_m[0], s.y_m - start_m[1]),
             s.yaw_rad,
             (s.width_px, s.height_px),
             s.focal_px,
@@ -379,9 +384,9 @@ impl<'a> Likeness<'a> {
     ) -> Result<f64, MetaError> {
         let stride = stride.max(1);
         let frames = filmed.films.iter().map(Vec::len).max().unwrap_or(0);
-        let simulated = self
-            .maker
-            .film(motion, rate_hz, parameters, frames, stride)?;
+        let simulated =
+            self.maker
+                .film(motion, rate_hz, parameters, frames, stride, filmed.start_m)?;
         let mut sum = 0.0;
         for hardware in &filmed.films {
             sum += mean_ratio_strided(hardware, &simulated, stride)?;
@@ -398,8 +403,11 @@ fn mean_ratio_strided(
 ) -> Result<f64, SimilarityError> {
     let (mut sum, mut n) = (0.0, 0u32);
     for (k, (h, s)) in hardware.iter().step_by(stride).zip(simulated).enumerate() {
-        sum += ratio(h, s).ok_or(SimilarityError::FrameSize { frame: k * stride })?;
-        n += 1;
+        let frame = k * stride;
+        if let Some(r) = ratio(h, s).map_err(|_| SimilarityError::FrameSize { frame })? {
+            sum += r;
+            n += 1;
+        }
     }
     if n == 0 {
         return Err(SimilarityError::NoCommonFrame { shift_frames: 0 });

@@ -72,9 +72,9 @@ fn truth() -> [f64; ROWS] {
 
 fn filmed(training: bool) -> FilmedGait {
     let film = maker()
-        .film(&drift(&truth()).unwrap(), 30.0, &truth(), 300, 1)
+        .film(&drift(&truth()).unwrap(), 30.0, &truth(), 300, 1, [0.0; 2])
         .unwrap();
-    FilmedGait::new(gait(), vec![film.clone(), film], 0.05, training).unwrap()
+    FilmedGait::new(gait(), vec![film.clone(), film], [0.0; 2], 0.05, training).unwrap()
 }
 
 #[test]

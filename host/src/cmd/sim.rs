@@ -139,15 +139,20 @@ fn report(gaits: &[Gait], runs: &[(usize, u16)], outcomes: &[Outcome], context: 
             (None, Some(t_s)) => format!("touched itself at {t_s:.2} s"),
             (None, None) => String::new(),
         };
+        // The simulator measures up to 1 m; beyond, the cubes that may meet never came near.
+        let clearance = match outcome.clearance_m {
+            far if far >= 1.0 => "far".to_owned(),
+            near => format!("{:.1}", near * 1000.0),
+        };
         let _ = writeln!(
             text,
-            "{:16} {:4} {:12.3} {:12.2} {:12.2} {:14.1}  {remark}",
+            "{:16} {:4} {:12.3} {:12.2} {:12.2} {:>14}  {remark}",
             gaits[g].name(),
             repetition + 1,
             outcome.distance_m,
             outcome.speed_m_s * 100.0,
             outcome.impact_m_s,
-            outcome.clearance_m * 1000.0,
+            clearance,
         );
         rows.push(json!({
             "gait": gaits[g].name(), "run": repetition + 1, "distance_m": outcome.distance_m, "speed_m_s": outcome.speed_m_s,
@@ -204,7 +209,10 @@ impl<'a> Writer<'a> {
             std::fs::write(file, files::gait::to_toml(gait))?;
         }
         let bar = self.context.out.progress(runs.len() as u64, "writing");
+        let mut starts_m: Vec<Option<[f32; 2]>> = vec![None; gaits.len()];
         for ((&(g, repetition), trial), outcome) in runs.iter().zip(trials).zip(outcomes) {
+            // The robot is put down so that its first run stays in the middle of the picture; repeats begin at the same place.
+            let start_m = *starts_m[g].get_or_insert_with(|| centring_start_m(outcome));
             let name = format!("{}_{}", gaits[g].name(), repetition + 1);
             let _ = write!(
                 manifest,
@@ -213,11 +221,11 @@ impl<'a> Writer<'a> {
             );
             std::fs::write(
                 self.folder.join(format!("{name}.csv")),
-                csv(&gaits[g], outcome),
+                csv(&gaits[g], outcome, start_m),
             )?;
             if self.films {
                 let _ = writeln!(manifest, "frames = \"{name}\"");
-                self.film(&name, trial, outcome)?;
+                self.film(&name, trial, outcome, start_m)?;
             }
             bar.inc(1);
         }
@@ -231,14 +239,14 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    fn film(&self, name: &str, trial: &Trial, outcome: &Outcome) -> Done {
+    fn film(&self, name: &str, trial: &Trial, outcome: &Outcome, start_m: [f32; 2]) -> Done {
         let rows = rows_of(self.model);
         let maker = FilmMaker::new(films::settings(1), &self.context.robot_model());
         let motion: Motion = bodies(&self.context.robot_model(), outcome);
         let tail_s = self.model.value(Key::CameraTimeShift).max(0.0);
         let frames = ((trial.duration_s - tail_s) * RATE_HZ) as usize;
         let film = maker
-            .film(&motion, RATE_HZ, &rows, frames, 1)
+            .film(&motion, RATE_HZ, &rows, frames, 1, start_m)
             .map_err(|e| Failure::new(Exit::BadFile, e))?;
         let folder = self.folder.join(name);
         std::fs::create_dir_all(&folder)?;
@@ -254,8 +262,23 @@ impl<'a> Writer<'a> {
     }
 }
 
+/// The start that puts the middle of a run's extent under the camera, m.
+fn centring_start_m(outcome: &Outcome) -> [f32; 2] {
+    core::array::from_fn(|axis| {
+        let along = outcome.poses.iter().map(|pose| pose.position_m[axis]);
+        let (low, high) = along.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| {
+            (low.min(v), high.max(v))
+        });
+        if low <= high {
+            -0.5 * (low + high)
+        } else {
+            0.0
+        }
+    })
+}
+
 /// Set-points at 20 Hz and link angles with the base pose at the film's rate, each in rows of their own time.
-fn csv(gait: &Gait, outcome: &Outcome) -> String {
+fn csv(gait: &Gait, outcome: &Outcome, start_m: [f32; 2]) -> String {
     let mut text = String::from("t_s");
     for signal in ["setpoint_rad", "link_position_rad"] {
         for k in 0..JOINTS {
@@ -283,7 +306,9 @@ fn csv(gait: &Gait, outcome: &Outcome) -> String {
         }
         // A hundred nanoseconds later where both fall together: times of a file must rise.
         let _ = write!(text, "{:.7}{}", t_s + 1e-7, ",".repeat(JOINTS));
-        let pose = pose.position_m.iter().chain(&pose.quaternion);
+        let [x, y, z] = pose.position_m;
+        let position_m = [x + start_m[0], y + start_m[1], z];
+        let pose = position_m.iter().chain(&pose.quaternion);
         for v in angles.iter().chain(pose) {
             let _ = write!(text, ",{v}");
         }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use camera::{Silhouette, picture};
-use files::dataset::{Camera, Manifest, Role, Run};
+use files::dataset::{Camera, Manifest, Recording, Role, Run};
 use files::model::Key;
 use optimise::meta::{FilmSettings, FilmedGait};
 
@@ -101,11 +101,30 @@ pub fn load(
             [] => runs.iter().all(|run| run.role == Some(Role::Fit)),
             named => named.iter().any(|n| n == name),
         };
-        let filmed = FilmedGait::new(gait, films, speed_m_s, is_training)
+        let start_m = start_m(folder, manifest, runs[0])?;
+        let filmed = FilmedGait::new(gait, films, start_m, speed_m_s, is_training)
             .map_err(|error| Failure::say(Exit::BadFile, format!("gait {name}: {error}")))?;
         gaits.push(filmed);
     }
     Ok(gaits)
+}
+
+/// Where body 3 began by the first base row of the run; under the camera's origin when the pose was not measured.
+fn start_m(folder: &Path, manifest: &Manifest, run: &Run) -> Outcome<[f32; 2]> {
+    let path = folder.join(&run.file);
+    let shown = path.display().to_string();
+    let text = std::fs::read_to_string(&path)
+        .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
+    let (recording, _) =
+        Recording::parse(&shown, &text, manifest).map_err(|e| Failure::new(Exit::BadFile, e))?;
+    let first = |column: &Option<Vec<f64>>| {
+        let measured = column
+            .as_ref()
+            .and_then(|c| c.iter().find(|v| v.is_finite()));
+        measured.map_or(0.0, |v| *v as f32)
+    };
+    let [x, y, _] = &recording.body().base_m;
+    Ok([first(x), first(y)])
 }
 
 /// The frames of one run, in the order of its `index.csv`.
