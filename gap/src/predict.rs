@@ -10,7 +10,11 @@ pub fn csv(problem: &Problem, run: usize, params: &Params) -> String {
     let data = &problem.runs[run];
     let mut trace = Trace::new();
     simulate(data, params, problem.dt_s, &mut trace);
-    let (angle, effort) = if problem.linear { ("m", "n") } else { ("rad", "nm") };
+    let (angle, effort) = if problem.linear {
+        ("m", "n")
+    } else {
+        ("rad", "nm")
+    };
     let volts = data.nominal.supply_v != 1.0;
     let mut s = format!("t_s,setpoint_{angle},enable,position_{angle},link_position_{angle},duty");
     if problem.known.effort_unit {
@@ -20,7 +24,11 @@ pub fn csv(problem: &Problem, run: usize, params: &Params) -> String {
     let mut held = 0;
     for (row, y) in data.samples.iter().zip(&trace) {
         let t = (row.step as f64 + row.part) * problem.dt_s;
-        while data.command_t_s.get(held + 1).is_some_and(|c| *c <= t + 1e-9) {
+        while data
+            .command_t_s
+            .get(held + 1)
+            .is_some_and(|c| *c <= t + 1e-9)
+        {
             held += 1;
         }
         let c = |k: Channel| y[k as usize];

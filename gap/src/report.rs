@@ -9,30 +9,62 @@ use crate::joint::{Trace, simulate};
 use crate::verdict::Verdict;
 
 fn value(x: f64) -> String {
-    if x == 0.0 || (1e-3..1e5).contains(&x.abs()) { format!("{x:.4}") } else { format!("{x:.3e}") }
+    if x == 0.0 || (1e-3..1e5).contains(&x.abs()) {
+        format!("{x:.4}")
+    } else {
+        format!("{x:.3e}")
+    }
 }
 
 /// Markdown: the same numbers as the JSON.
 #[must_use]
 pub fn markdown(v: &Verdict) -> String {
     let g = &v.gap;
-    let mut s = format!("# Diagnosis\n\n**{}**\n\nVerdict: `{}`\n\n", v.sentence, word(v));
+    let mut s = format!(
+        "# Diagnosis\n\n**{}**\n\nVerdict: `{}`\n\n",
+        v.sentence,
+        word(v)
+    );
     let _ = write!(
         s,
         "| {} [{}] | value |\n|---|---|\n| before | {} |\n| after calibration | {} |\n| after | {} (95 %: {} to {}) |\n| floor ({}) | {} |\n\n",
-        g.metric, g.unit, value(g.before), value(g.after_calibration), value(g.after), value(g.ci95_after[0]),
-        value(g.ci95_after[1]), g.floor_source, value(g.floor)
+        g.metric,
+        g.unit,
+        value(g.before),
+        value(g.after_calibration),
+        value(g.after),
+        value(g.ci95_after[0]),
+        value(g.ci95_after[1]),
+        g.floor_source,
+        value(g.floor)
     );
     s.push_str("## Where\n\n| stage | joint | regime | share |\n|---|---|---|---|\n");
     for w in &v.place {
         let joint = w.joint.map_or("all".into(), |j| j.to_string());
-        let _ = writeln!(s, "| {} | {joint} | {} | {:.0} % |", w.stage, w.regime, 100.0 * w.share);
+        let _ = writeln!(
+            s,
+            "| {} | {joint} | {} | {:.0} % |",
+            w.stage,
+            w.regime,
+            100.0 * w.share
+        );
     }
     s.push_str("\n## Which effect\n\n| effect | parameters | confidence | alone | without it | kind |\n|---|---|---|---|---|---|\n");
     for e in &v.effects {
-        let p: Vec<String> = e.parameters.iter().map(|(k, p)| format!("{k} = {}", value(p.value))).collect();
+        let p: Vec<String> = e
+            .parameters
+            .iter()
+            .map(|(k, p)| format!("{k} = {}", value(p.value)))
+            .collect();
         let (alone, without) = (value(e.gap_added_alone), value(e.gap_removed_from_full));
-        let _ = writeln!(s, "| {} | {} | {:.2} | {alone} | {without} | {} |", e.effect.name(), p.join(", "), e.confidence, e.kind);
+        let _ = writeln!(
+            s,
+            "| {} | {} | {:.2} | {alone} | {without} | {} |",
+            e.effect.name(),
+            p.join(", "),
+            e.confidence,
+            e.kind
+        );
     }
     s.push_str("\n## How far\n\n");
     for stair in &v.staircase {
@@ -56,11 +88,17 @@ pub fn markdown(v: &Verdict) -> String {
 }
 
 fn word(v: &Verdict) -> String {
-    serde_json::to_value(v.verdict).ok().and_then(|w| w.as_str().map(str::to_string)).unwrap_or_default()
+    serde_json::to_value(v.verdict)
+        .ok()
+        .and_then(|w| w.as_str().map(str::to_string))
+        .unwrap_or_default()
 }
 
 fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
 }
 
 /// Measured, before and after of one scored run, thinned to what a screen shows.
@@ -80,8 +118,13 @@ fn traces(d: &Diagnosis, run: usize) -> Traces {
     simulate(data, &d.selection.model.params, d.problem.dt_s, &mut b);
     let column = if d.ideal { 6 } else { 0 };
     let step = data.samples.len().div_ceil(POINTS).max(1);
-    let mut out =
-        Traces { name: data.name.clone(), t_s: vec![], measured: vec![], before: vec![], after: vec![] };
+    let mut out = Traces {
+        name: data.name.clone(),
+        t_s: vec![],
+        measured: vec![],
+        before: vec![],
+        after: vec![],
+    };
     for (i, s) in data.samples.iter().enumerate().step_by(step) {
         if s.measured[0].is_finite() {
             out.t_s.push((s.step as f64 + s.part) * d.problem.dt_s);
@@ -99,22 +142,54 @@ pub fn html(d: &Diagnosis) -> String {
     // Enough runs to show evidence, few enough for a phone.
     const SHOWN: usize = 4;
     let v = &d.verdict;
-    let all: Vec<Traces> = d.score_runs.iter().take(SHOWN).map(|r| traces(d, *r)).collect();
+    let all: Vec<Traces> = d
+        .score_runs
+        .iter()
+        .take(SHOWN)
+        .map(|r| traces(d, *r))
+        .collect();
     let mut s = String::from(HEAD);
-    let _ = write!(s, "<h1>Diagnosis</h1><p class=\"lead\">{}</p><p>Verdict: <b>{}</b></p>", escape(&v.sentence), word(v));
+    let _ = write!(
+        s,
+        "<h1>Diagnosis</h1><p class=\"lead\">{}</p><p>Verdict: <b>{}</b></p>",
+        escape(&v.sentence),
+        word(v)
+    );
     s.push_str("<h2>Where</h2>");
-    let rows: Vec<(String, f64)> = v.place.iter().map(|w| (format!("{} ({})", w.stage, w.regime), w.share)).collect();
-    s.push_str(&svg::bars("Share of the gap by stage", &rows, |x| format!("{:.0} %", 100.0 * x)));
+    let rows: Vec<(String, f64)> = v
+        .place
+        .iter()
+        .map(|w| (format!("{} ({})", w.stage, w.regime), w.share))
+        .collect();
+    s.push_str(&svg::bars("Share of the gap by stage", &rows, |x| {
+        format!("{:.0} %", 100.0 * x)
+    }));
     s.push_str("<h2>Which effect</h2>");
     effects(&mut s, v);
     s.push_str("<h2>How far</h2>");
-    let stairs: Vec<(String, f64)> = v.staircase.iter().map(|x| (x.step.clone(), x.gap)).collect();
-    s.push_str(&svg::bars("Held-out error after each step", &stairs, |x| format!("{} {}", value(x), v.gap.unit)));
-    let _ = write!(s, "<p>Floor: {} {} (from {}).</p>", value(v.gap.floor), v.gap.unit, v.gap.floor_source);
+    let stairs: Vec<(String, f64)> = v
+        .staircase
+        .iter()
+        .map(|x| (x.step.clone(), x.gap))
+        .collect();
+    s.push_str(&svg::bars("Held-out error after each step", &stairs, |x| {
+        format!("{} {}", value(x), v.gap.unit)
+    }));
+    let _ = write!(
+        s,
+        "<p>Floor: {} {} (from {}).</p>",
+        value(v.gap.floor),
+        v.gap.unit,
+        v.gap.floor_source
+    );
     s.push_str("<h2>Evidence</h2>");
     for t in &all {
         let title = format!("{}: measured, before, after", t.name);
-        let curves = [("measured", &t.measured), ("before", &t.before), ("after", &t.after)];
+        let curves = [
+            ("measured", &t.measured),
+            ("before", &t.before),
+            ("after", &t.after),
+        ];
         s.push_str(&svg::curves(&title, &t.t_s, &curves));
     }
     words(&mut s, v);
@@ -124,7 +199,10 @@ pub fn html(d: &Diagnosis) -> String {
     let _ = write!(
         s,
         "<footer><p>{} · seed {} · {} · data {}</p></footer></main></body></html>\n",
-        escape(&v.provenance.tool), v.provenance.seed, escape(&v.provenance.split), escape(&v.provenance.data_sha256)
+        escape(&v.provenance.tool),
+        v.provenance.seed,
+        escape(&v.provenance.split),
+        escape(&v.provenance.data_sha256)
     );
     s
 }
@@ -139,13 +217,28 @@ fn effects(s: &mut String, v: &Verdict) {
         let p: Vec<String> = e
             .parameters
             .iter()
-            .map(|(k, p)| format!("{k} = {} ({} to {})", value(p.value), value(p.ci95[0]), value(p.ci95[1])))
+            .map(|(k, p)| {
+                format!(
+                    "{k} = {} ({} to {})",
+                    value(p.value),
+                    value(p.ci95[0]),
+                    value(p.ci95[1])
+                )
+            })
             .collect();
-        let doubt = if e.plausible { "" } else { " <b>(physically implausible)</b>" };
+        let doubt = if e.plausible {
+            ""
+        } else {
+            " <b>(physically implausible)</b>"
+        };
         let _ = write!(
             s,
             "<tr><td>{}</td><td>{}{doubt}</td><td>{}</td><td>{:.2}</td><td>{}</td><td>{}</td></tr>",
-            e.effect.name(), e.effect.plain(), p.join("<br>"), e.confidence, value(e.gap_added_alone),
+            e.effect.name(),
+            e.effect.plain(),
+            p.join("<br>"),
+            e.confidence,
+            value(e.gap_added_alone),
             value(e.gap_removed_from_full)
         );
     }
@@ -156,7 +249,12 @@ fn words(s: &mut String, v: &Verdict) {
     s.push_str("<h2>What next</h2>");
     for a in &v.ambiguous {
         let names: Vec<&str> = a.effects.iter().map(|e| e.name()).collect();
-        let _ = write!(s, "<p>Cannot be told apart with this data: <b>{}</b>. To tell: {}.</p>", names.join(", "), escape(&a.separate_by));
+        let _ = write!(
+            s,
+            "<p>Cannot be told apart with this data: <b>{}</b>. To tell: {}.</p>",
+            names.join(", "),
+            escape(&a.separate_by)
+        );
     }
     if let Some(n) = &v.next_experiment {
         let _ = write!(s, "<p>{}</p>", escape(&n.text));
@@ -170,7 +268,12 @@ fn words(s: &mut String, v: &Verdict) {
 
 /// Robot and both simulations drawn over each other, under a time slider.
 fn replay(s: &mut String, t: &Traces, linear: bool) {
-    let list = |v: &[f64]| v.iter().map(|x| format!("{x:.4}")).collect::<Vec<_>>().join(",");
+    let list = |v: &[f64]| {
+        v.iter()
+            .map(|x| format!("{x:.4}"))
+            .collect::<Vec<_>>()
+            .join(",")
+    };
     let _ = write!(
         s,
         "<h2>Replay</h2><p><label for=\"time\">Time in {}</label> <output id=\"now\">0.00 s</output></p>\
@@ -206,4 +309,3 @@ input[type=range]{width:100%}:focus-visible{outline:3px solid #1d70b8}
 @media(prefers-color-scheme:dark){body{background:#151515;color:#eee}svg text{fill:#eee}.c0{stroke:#eee}.c1{stroke:#fb923c}.c2{stroke:#60a5fa}}
 @media print{input,details{display:none}body{background:#fff;color:#000}}
 </style></head><body><main>"#;
-
