@@ -389,6 +389,12 @@ pub struct Motors {
     motors: [Motor; JOINTS],
 }
 
+impl Default for Motors {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
 impl Motors {
     /// None seen.
     #[must_use]

@@ -41,7 +41,8 @@ fn run(faults: Vec<Struck>) -> (EmulatedRobot<World>, Info, RunEnd) {
 
 #[test]
 fn every_fault_of_a_driver_or_joint_ends_the_run_by_its_name() {
-    let cases: [(FaultKind, fn(Fault) -> bool); 6] = [
+    type Expected = fn(Fault) -> bool;
+    let cases: [(FaultKind, Expected); 6] = [
         (FaultKind::Missing, |fault| {
             fault == Fault::DriverLost { joint: 2 }
         }),
