@@ -77,8 +77,8 @@ impl Load for Disturbance {
         // Ornstein-Uhlenbeck, exact over the step.
         let keep = libm::exp(-(t_s - self.last_s) / Self::CORRELATION_S);
         self.last_s = t_s;
-        self.present_nm = keep * self.present_nm
-            + self.sigma_nm * libm::sqrt(1.0 - keep * keep) * self.rng.normal();
+        self.present_nm =
+            keep * self.present_nm + self.sigma_nm * (1.0 - keep * keep).sqrt() * self.rng.normal();
         self.present_nm
     }
 }
@@ -155,7 +155,11 @@ impl Body for Stand {
 
     fn step(&mut self, dt_s: f64, drives: &[LinkDrive], links: &mut [LinkState]) {
         for ((joint, link), drive) in self.joints.iter_mut().zip(&mut self.links).zip(drives) {
-            let gravity = joint.gravity_nm * libm::sin(link.angle_rad - joint.hang_rad);
+            let gravity = if joint.gravity_nm == 0.0 {
+                0.0
+            } else {
+                joint.gravity_nm * libm::sin(link.angle_rad - joint.hang_rad)
+            };
             let outside = joint.load.as_mut().map_or(0.0, |load| {
                 load.torque_nm(self.time_s, link.angle_rad, link.velocity_rad_s)
             });

@@ -1,6 +1,7 @@
 //! Emulated motor drivers, bus and robot: reality for every test without hardware.
 //!
 //! - [`motor`]: one geared joint (motor, gear, friction, play, heat); [`body`]: what the joints carry
+//! - [`ground`]: the whole robot on the ground behind the joints
 //! - [`driver`]: registers and the 1 kHz loop of one motor driver
 //! - [`fault`]: seeded faults; [`effects`]: effects by their shared names
 //! - [`scenario`]: all of it from a file
@@ -25,6 +26,7 @@ pub mod driver;
 pub mod effects;
 pub mod endpoint;
 pub mod fault;
+pub mod ground;
 pub mod motor;
 pub mod pace;
 pub mod plant;

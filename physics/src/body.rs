@@ -149,6 +149,14 @@ impl Body {
         self.steps += 1;
     }
 
+    /// Inertia that turns with joint `joint` alone from now on, a rotor behind its gear, kg m2.
+    pub fn set_armature(&mut self, joint: usize, inertia_kg_m2: f64) {
+        if joint < self.params.robot.motors() {
+            let b = self.params.robot.body_of_joint(joint);
+            self.lane.joint[b].armature = inertia_kg_m2;
+        }
+    }
+
     fn drive(&mut self, joint: usize, drive: JointDrive) {
         let b = self.params.robot.body_of_joint(joint);
         let c = &mut self.command;
@@ -231,7 +239,7 @@ impl Body {
         self.by_joint(&self.state.torque)
     }
 
-    /// Inertia that each joint sees while the other joints are rigid and the base is free, kg m2 (no ground); valid after a step.
+    /// Inertia that each joint sees while the other joints are rigid and the base is free, kg m2 (no ground), armature included; valid after a step.
     pub fn inertias_kg_m2(&self) -> impl Iterator<Item = f64> + '_ {
         let robot = &self.params.robot;
         (0..robot.motors()).map(|joint| {

@@ -72,7 +72,7 @@ pub(super) fn step(params: &JointParams, state: &mut JointState, dt_s: f64) -> f
     }
     let stiffness = scale_nm / PRESLIDING_RAD;
     let inertia = params.motor.reflected_inertia_kg_m2() * params.inertia_ratio;
-    let damping = 2.0 * BRISTLE_DAMPING * libm::sqrt(stiffness * inertia);
+    let damping = 2.0 * BRISTLE_DAMPING * (stiffness * inertia).sqrt();
     // dz/dt = v - stiffness |v| / level z, implicit in z: stable at any speed.
     let before = state.bristle_rad;
     state.bristle_rad = (before + dt_s * speed) / (1.0 + dt_s * stiffness * speed.abs() / level_nm);

@@ -62,7 +62,7 @@ pub(super) fn torque_nm(
     } else {
         return 0.0;
     };
-    let damping = 2.0 * params.damping_ratio * libm::sqrt(stiffness * armature_kg_m2);
+    let damping = 2.0 * params.damping_ratio * (stiffness * armature_kg_m2).sqrt();
     let torque = stiffness * beyond + damping * (state.gear_rad_s - state.link_rad_s);
     // A stop can push, never pull.
     if half > 0.0 && torque * beyond < 0.0 {

@@ -3,5 +3,4 @@
 #![cfg(unix)]
 
 mod common;
-mod faults;
 mod set_points;

@@ -3,7 +3,6 @@
 mod common;
 mod faults;
 mod orders;
-mod physics;
 mod run;
 mod schedules;
 mod security;

@@ -15,7 +15,6 @@ pub mod doctor;
 pub mod download;
 pub mod emulate;
 pub mod gait;
-pub mod gap;
 pub mod info;
 pub mod list;
 pub mod log;
@@ -77,7 +76,6 @@ commands! {
     Rec => rec,
     Sim => sim,
     Optimise => optimise,
-    Gap => gap,
     Completions => completions,
     Man => man,
     Config => config,

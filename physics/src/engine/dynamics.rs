@@ -133,7 +133,7 @@ pub(super) fn couplings<L: Lane>(tree: &Tree, w: &mut Work<L>, p: &LaneParams<L>
     }
     for b in 1..tree.bodies {
         let extra = p.joint[b].inertia_extra;
-        w.s[b][b] = w.s[b][b] + w.s[b][b] * extra;
+        w.s[b][b] = w.s[b][b] + w.s[b][b] * extra + p.joint[b].armature;
     }
 }
 

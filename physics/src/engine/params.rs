@@ -41,6 +41,8 @@ pub(crate) struct LaneJoint<L> {
     pub ripple_phase: L,
     /// Ratios less one.
     pub inertia_extra: L,
+    /// Inertia that turns with the joint alone: a rotor behind its gear, kg m2; only [`crate::Body`] sets it.
+    pub armature: L,
     pub gravity_extra: L,
     pub backlash: L,
     /// 1 / stiffness.
@@ -157,6 +159,7 @@ impl<L: Lane> LaneJoint<L> {
             ripple_periods: of(&|j| j.ripple_periods),
             ripple_phase: of(&|j| j.ripple_phase_rad),
             inertia_extra: of(&|j| j.inertia_ratio - 1.0),
+            armature: L::zero(),
             gravity_extra: of(&|j| j.gravity_ratio - 1.0),
             backlash: of(&|j| j.backlash_rad),
             give: of(&|j| 1.0 / j.stiffness_nm_rad),
