@@ -66,6 +66,16 @@ pub enum LinkError {
         /// Why.
         reason: Reject,
     },
+    /// The robot takes signed orders only, and this host has no key.
+    #[error(
+        "robot {robot_id} takes {request} only with proof of its key, and this host has no key for it"
+    )]
+    NoKey {
+        /// What was asked.
+        request: &'static str,
+        /// Robot.
+        robot_id: u8,
+    },
     /// An answer that does not belong to the request.
     #[error("the robot answered {request} with something else")]
     WrongAnswer {
@@ -111,7 +121,7 @@ impl LinkError {
                 reason: Reject::Version { .. },
                 ..
             } => Exit::Version,
-            Self::Refused { .. } => Exit::Refused,
+            Self::Refused { .. } | Self::NoKey { .. } => Exit::Refused,
             Self::Interrupted => Exit::Interrupted,
             Self::Closed { .. }
             | Self::Timeout { .. }
@@ -131,6 +141,11 @@ impl LinkError {
             Self::Timeout { .. } => Some("is the robot on, and is this the right port? `rb-host doctor` checks both".to_owned()),
             Self::Restarted { .. } => Some("place the home pose, `rb-host zero`, then order again".to_owned()),
             Self::Refused { reason, .. } => text::remedy(reason).map(str::to_owned),
+            Self::NoKey { .. } => Some(
+                "copy the key file of this robot here (`rb-host config key path` names it), or set a new key over USB: \
+                 `rb-host config key set`"
+                    .to_owned(),
+            ),
             _ => None,
         }
     }

@@ -231,11 +231,14 @@ impl Robot {
     /// Key and nonce for an order; none for other messages, and none without a key (a module without key takes orders on
     /// its wire port).
     fn proof(&mut self, message: &ToModule) -> Result<Option<(Key, Nonce)>, LinkError> {
-        let Some(key) = self
-            .key
-            .filter(|_| message.tag().is_some() && self.hello.keyed)
-        else {
+        if message.tag().is_none() || !self.hello.keyed {
             return Ok(None);
+        }
+        let Some(key) = self.key else {
+            return Err(LinkError::NoKey {
+                request: name(message),
+                robot_id: self.hello.robot_id,
+            });
         };
         match self.ask(&ToModule::GetChallenge)? {
             FromModule::Challenge { nonce } => Ok(Some((key, nonce))),

@@ -1,0 +1,8 @@
+//! rb-host from the outside: exit codes, messages, files, and a robot at the other end of the wire.
+
+mod bad_gaits;
+mod commands;
+mod dropout;
+mod python;
+mod recordings;
+mod rig;
