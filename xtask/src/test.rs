@@ -11,9 +11,7 @@ const STEPS: &[Step] = &[
     ("lints of the firmware image", firmware_lints),
     ("firmware image", firmware_image),
     ("panic-free gate", panic_free_gate),
-    ("QEMU plug-in", || {
-        sh::run("cargo", &["build", "-p", "qemu-shim", "--release"])
-    }),
+    ("QEMU plug-in", plugin),
     ("tests", || {
         sh::run("cargo", &["test", "--workspace", "--no-fail-fast"])
     }),
@@ -51,7 +49,23 @@ fn lints() -> Result<()> {
     )
 }
 
-const THUMB: [&str; 4] = ["--target", "thumbv7em-none-eabihf", "--profile", "firmware"];
+/// The target folder of image and plug-in is the one the QEMU tests build into, so they find both ready.
+const THUMB: [&str; 6] = [
+    "--target",
+    "thumbv7em-none-eabihf",
+    "--profile",
+    "firmware",
+    "--target-dir",
+    "target/board",
+];
+
+fn plugin() -> Result<()> {
+    let folder = ["--target-dir", "target/board"];
+    sh::run(
+        "cargo",
+        &[&["build", "-p", "qemu-shim", "--release"][..], &folder].concat(),
+    )
+}
 
 fn firmware_lints() -> Result<()> {
     let arguments = [

@@ -29,6 +29,8 @@ pub const STOP_MV: u16 = 6_200;
 pub const LOW_READINGS: u8 = 10;
 /// Telemetry blocks kept: 72 x 496 bytes = 35 KiB of the 96 KiB of RAM.
 pub const BLOCKS: usize = 72;
+/// Frames of a host within a run that show that it keeps in touch.
+pub const HEARTBEATS: u8 = 5;
 /// Silence of the host in a run that is worth an event, us.
 pub const LINK_SILENT_US: u64 = 2_000_000;
 
@@ -133,9 +135,9 @@ pub(crate) struct Session {
     pub live: bool,
     /// Time of the last frame, us since boot.
     pub heard_us: u64,
-    /// A frame came since the run began: the host is one that stays in touch.
-    pub heard_in_run: bool,
-    /// It stayed in touch and fell silent: blocks wait for it.
+    /// Frames since the run began.
+    pub beats: u8,
+    /// It kept in touch and fell silent: blocks wait for it.
     pub silent: bool,
     /// The end of the last run is still to be told.
     pub end_due: bool,
@@ -149,7 +151,7 @@ impl Session {
             rate: TelemetryRate::Off,
             live: false,
             heard_us: 0,
-            heard_in_run: false,
+            beats: 0,
             silent: false,
             end_due: false,
         }

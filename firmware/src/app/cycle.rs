@@ -1,6 +1,6 @@
 //! The decision of a cycle: what the readings mean, what the supervisor says, what may leave for the motors.
 
-use super::core::{BoardInputs, Core, LINK_SILENT_US, LOW_READINGS, STOP_MV};
+use super::core::{BoardInputs, Core, HEARTBEATS, LINK_SILENT_US, LOW_READINGS, STOP_MV};
 use super::exchange::{FIRST_ID, Values, collect};
 use super::motors::{Finding, Motor};
 use super::timing::{STOP_AFTER, Slot};
@@ -78,16 +78,11 @@ impl Core {
         let Some(session) = self.sessions.get_mut(run.link) else {
             return;
         };
-        // Only a host that was heard during the run can fall silent.
-        let silent =
-            session.heard_in_run && self.now_us.saturating_sub(session.heard_us) > LINK_SILENT_US;
-        if silent != session.silent {
-            session.silent = silent;
-            self.event(if silent {
-                EventKind::LinkSilent
-            } else {
-                EventKind::LinkBack
-            });
+        // Only a host that keeps in touch can fall silent: many start a run and just listen.
+        let quiet_us = self.now_us.saturating_sub(session.heard_us);
+        if session.beats >= HEARTBEATS && !session.silent && quiet_us > LINK_SILENT_US {
+            session.silent = true;
+            self.event(EventKind::LinkSilent);
         }
     }
 

@@ -30,7 +30,7 @@ use crate::ports::{LinkKind, PortError, SlotStore};
 use crate::tasks::{BUS_BUFFER, LINKS};
 use control::motion::MotionParams;
 use control::supervisor::Supervisor;
-use protocol::link::{FromModule, LinkCounters, MAX_FRAME, Port, Server};
+use protocol::link::{EventKind, FromModule, LinkCounters, MAX_FRAME, Port, Server};
 
 /// Largest size of the state: two thirds of the L475's 96 KiB, the rest is for stack, drivers and the executor.
 const MAX_APP_BYTES: usize = 64 * 1024;
@@ -247,13 +247,20 @@ impl App {
 impl Core {
     /// A frame of a host came; `in_run`: a run was under way before it was carried out.
     fn heard(&mut self, link: usize, now_us: u64, in_run: bool) {
-        if let Some(session) = self.sessions.get_mut(link) {
-            session.heard_us = now_us;
-            session.heard_in_run |= in_run;
+        let Some(session) = self.sessions.get_mut(link) else {
+            return;
+        };
+        session.heard_us = now_us;
+        session.beats = session.beats.saturating_add(u8::from(in_run));
+        if session.silent {
+            session.silent = false;
+            // The end was told to nobody.
+            session.end_due = self.run_end.is_some();
+            self.event(EventKind::LinkBack);
         }
     }
 
-    /// What goes to a link unasked.
+    /// What goes to a link unasked. The record waits for a host that kept in touch and fell silent.
     fn next_message(&mut self, link: usize) -> Option<FromModule> {
         let session = self.sessions.get_mut(link).filter(|session| session.open)?;
         if let Some(event) = self.events.since(session.next_event).next() {

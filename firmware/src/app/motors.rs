@@ -22,14 +22,12 @@ const ECHO_TOLERANCE_URAD: i32 = 3_200;
 const SENT_KEPT: usize = 8;
 /// Readings in a row with a foreign set-point that stop the robot.
 const ECHO_CYCLES: u8 = 3;
-/// Cycles at full duty without motion that count as a stall: 2 s, before the driver's own overload guard at 3 s.
-const STALL_CYCLES: u8 = 40;
-/// Duty of a stalled motor: 95 % of full, counts of 1/2000.
-const STALL_DUTY: i16 = 1_900;
-/// Speed below which a motor stands, counts of 0.5 mrad/s: 10 mrad/s, 0.4 % of no-load speed.
-const STALL_VELOCITY: i16 = 20;
-/// Distance to the set-point that makes standing at full duty a stall, urad.
-const STALL_ERROR_URAD: i32 = 200_000;
+/// Readings over which a joint is watched for a stall: 1 s at 20 Hz.
+const STALL_READINGS: u8 = 20;
+/// A set-point that travels this far within them, urad: the smallest travel beyond any backlash and deadband of a worn gear.
+const STALL_TRAVEL_URAD: i32 = 150_000;
+/// ... while the joint stays within this, urad: a tenth of what a joint with heavy stiction still makes of it.
+const STALL_STAYS_URAD: i32 = 10_000;
 
 /// Something about a driver that the supervisor or the host must know.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,15 +51,58 @@ pub enum Finding {
         /// Seen often enough to stop.
         certain: bool,
     },
-    /// Full duty, no motion.
+    /// The set-point travels, the joint does not.
     Stall,
 }
 
 /// Findings of one reading: at most one of each kind.
 pub type Findings = heapless::Vec<Finding, 7>;
 
+/// Smallest and largest of a row of angles, urad.
+#[derive(Debug, Clone, Copy)]
+struct Extent {
+    min: i32,
+    max: i32,
+}
+
+impl Extent {
+    const fn new() -> Self {
+        Self {
+            min: i32::MAX,
+            max: i32::MIN,
+        }
+    }
+
+    fn take(&mut self, angle_urad: i32) {
+        self.min = self.min.min(angle_urad);
+        self.max = self.max.max(angle_urad);
+    }
+
+    fn span(&self) -> u32 {
+        self.max.abs_diff(self.min)
+    }
+}
+
+/// Readings of the last second or less.
+#[derive(Debug, Clone, Copy)]
+struct Watch {
+    readings: u8,
+    applied: Extent,
+    position: Extent,
+}
+
+impl Watch {
+    const fn new() -> Self {
+        Self {
+            readings: 0,
+            applied: Extent::new(),
+            position: Extent::new(),
+        }
+    }
+}
+
 /// One driver.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct Motor {
     /// Last reading that was believed, driver's frame.
     last: Option<PackedFeedback>,
@@ -73,7 +114,7 @@ pub struct Motor {
     lost: bool,
     hardware_error: bool,
     wrong_echoes: u8,
-    stalled: u8,
+    watch: Watch,
     answered: bool,
     /// Watchdog and delays are to be written before the next torque.
     configure: bool,
@@ -90,7 +131,7 @@ impl Motor {
             lost: false,
             hardware_error: false,
             wrong_echoes: 0,
-            stalled: 0,
+            watch: Watch::new(),
             answered: false,
             configure: false,
         }
@@ -185,18 +226,21 @@ impl Motor {
         })
     }
 
+    /// Torque is on, the set-point travels, the joint does not.
     fn stalls(&mut self, feedback: &PackedFeedback) -> bool {
-        let torque = feedback.status & status::TORQUE != 0;
-        let error_urad = feedback.applied_urad.abs_diff(feedback.position_urad);
-        let pushing = feedback.duty.unsigned_abs() >= STALL_DUTY.unsigned_abs()
-            && feedback.velocity.unsigned_abs() <= STALL_VELOCITY.unsigned_abs()
-            && error_urad >= STALL_ERROR_URAD.unsigned_abs();
-        self.stalled = if torque && pushing {
-            self.stalled.saturating_add(1)
-        } else {
-            0
-        };
-        self.stalled == STALL_CYCLES
+        if feedback.status & status::TORQUE == 0 {
+            self.watch = Watch::new();
+            return false;
+        }
+        self.watch.applied.take(feedback.applied_urad);
+        self.watch.position.take(feedback.position_urad);
+        self.watch.readings = self.watch.readings.saturating_add(1);
+        if self.watch.readings < STALL_READINGS {
+            return false;
+        }
+        let watch = core::mem::replace(&mut self.watch, Watch::new());
+        watch.applied.span() >= STALL_TRAVEL_URAD.unsigned_abs()
+            && watch.position.span() <= STALL_STAYS_URAD.unsigned_abs()
     }
 
     /// Ends a control cycle: a driver that did not answer is one miss further.
@@ -220,7 +264,7 @@ impl Motor {
         self.last = None;
         self.sent.clear();
         self.wrong_echoes = 0;
-        self.stalled = 0;
+        self.watch = Watch::new();
         self.hardware_error = false;
     }
 
@@ -340,9 +384,15 @@ impl Motor {
 }
 
 /// The six drivers, by joint.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Motors {
     motors: [Motor; JOINTS],
+}
+
+impl Default for Motors {
+    fn default() -> Self {
+        Self::new()
+    }
 }
 
 impl Motors {

@@ -222,7 +222,7 @@ impl ModuleHandler for Visitor<'_> {
         }))?;
         self.core.runs = self.core.runs.wrapping_add(1);
         for session in &mut self.core.sessions {
-            session.heard_in_run = false;
+            session.beats = 0;
             session.silent = false;
             session.end_due = false;
         }

@@ -114,6 +114,8 @@ impl BoardHost {
             match received.message {
                 FromModule::SampleBlock(block) if !asked => self.blocks.push(block),
                 FromModule::RunEnd(end) => self.ends.push(end),
+                // Events and live samples number themselves.
+                FromModule::Event(_) | FromModule::Sample(_) => {}
                 other if asked => answer = Some(other),
                 _ => {}
             }

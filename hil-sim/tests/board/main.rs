@@ -3,4 +3,5 @@
 #![cfg(unix)]
 
 mod common;
+mod faults;
 mod set_points;

@@ -1,6 +1,5 @@
 //! Set-points: image in QEMU, native firmware and the law alone give the same bits.
 
-use control::cpg;
 use control::gait::Gait;
 use hil_sim::board::wire::TimedByte;
 use hil_sim::robot::host::SimHost;
@@ -8,9 +7,8 @@ use hil_sim::robot::ideal::IdealMotors;
 use hil_sim::robot::{EmulatedRobot, Setup};
 use protocol::crc::Crc32c;
 use protocol::link::{EndReason, TelemetryRate};
-use protocol::units;
 
-use crate::common::{SECOND_NS, board, built, gait};
+use crate::common::{SECOND_NS, board, built, gait, law};
 
 const GAITS: [&str; 5] = ["crawl", "inchworm", "paddle", "sidewind", "turn"];
 const CYCLES: usize = 600;
@@ -19,21 +17,6 @@ const CYCLES: usize = 600;
 fn taken(motors: &IdealMotors) -> Vec<Vec<i32>> {
     let of = |joint| motors.taken(joint).iter().map(|t| t.goal_urad).collect();
     (0..6).map(of).collect()
-}
-
-/// CRC over the f32 of every set-point, and the set-points, urad: from `control` alone.
-fn law(gait: &Gait) -> (u32, Vec<Vec<i32>>) {
-    let mut state = cpg::start(gait);
-    let mut crc = Crc32c::new();
-    let mut joints = vec![Vec::new(); 6];
-    for _ in 0..CYCLES {
-        let points = cpg::step(gait, &mut state, control::CYCLE_S);
-        for (joint, &angle) in joints.iter_mut().zip(points.as_slice()) {
-            crc.update(&angle.to_le_bytes());
-            joint.push(units::urad_from_rad(angle).expect("finite"));
-        }
-    }
-    (crc.value(), joints)
 }
 
 fn native(gait: &Gait) -> (u32, Vec<Vec<i32>>) {
@@ -74,7 +57,7 @@ fn five_gaits_of_thirty_seconds_are_the_same_bits_in_qemu_natively_and_in_the_la
             "{name}"
         );
 
-        let (law_crc, law_points) = law(&gait);
+        let (law_crc, law_points) = law(&gait, CYCLES);
         let (native_crc, native_points) = native(&gait);
         assert_eq!(end.setpoint_crc32c, law_crc, "{name}: QEMU against the law");
         assert_eq!(native_crc, law_crc, "{name}: native against the law");

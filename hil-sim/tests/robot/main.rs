@@ -3,6 +3,7 @@
 mod common;
 mod faults;
 mod orders;
+mod physics;
 mod run;
 mod schedules;
 mod security;

@@ -7,7 +7,7 @@ use hil_sim::robot::{EmulatedRobot, Setup};
 use protocol::crc::Crc32c;
 use protocol::link::telemetry::flags;
 use protocol::link::{
-    EndReason, FromModule, ModuleState, Sample, SampleBlock, TelemetryRate, ToModule,
+    EndReason, EventKind, FromModule, ModuleState, Sample, SampleBlock, TelemetryRate, ToModule,
 };
 use protocol::units;
 
@@ -216,4 +216,75 @@ fn motors_with_physics_follow_the_gait() {
         worst.is_some_and(|urad| urad > 100 && urad < 150_000),
         "lag {worst:?} urad: real motors lag, but follow"
     );
+}
+
+#[test]
+fn what_a_slow_link_cannot_carry_is_kept_then_dropped_and_every_drop_is_counted() {
+    use crate::common::ready_with;
+    // 4800 baud: 2.08 ms per byte, 480 byte/s against about 4 kB/s of 100 Hz telemetry.
+    let (mut robot, mut host, digest) = ready_with(
+        Setup {
+            link_byte_ns: 2_083_333,
+            ..Setup::default()
+        },
+        1,
+    );
+    host.start(&mut robot, 0, digest, 30_000, TelemetryRate::Fast)
+        .expect("ready");
+    let end = host
+        .wait_for_end(&mut robot, 240_000_000)
+        .expect("told behind the record");
+    assert_eq!((end.reason, end.cycles), (EndReason::Completed, 600));
+    let received = samples(&host.blocks).len() as u32;
+    assert!(
+        end.dropped > 0 && received > 500,
+        "{end:?}, {received} received"
+    );
+    assert_eq!(
+        received + end.dropped,
+        end.samples,
+        "every sample is either there or counted"
+    );
+    let FromModule::Info(info) = host.ask(&mut robot, &ToModule::GetInfo).expect("answers") else {
+        panic!()
+    };
+    assert_eq!(
+        (info.counters.samples_dropped, info.counters.overruns),
+        (end.dropped, 0)
+    );
+}
+
+#[test]
+fn a_host_that_falls_silent_is_noted_and_the_run_goes_on() {
+    let (mut robot, mut host, digest) = ready(1);
+    host.start(&mut robot, 0, digest, 12_000, TelemetryRate::Cycle)
+        .expect("ready");
+    for _ in 0..6 {
+        robot.run_for(500_000);
+        host.ask(&mut robot, &ToModule::Ping { host_t_us: 5 })
+            .expect("in touch");
+    }
+    robot.run_for(4_000_000);
+    host.receive(None);
+    assert!(host.saw(|kind| matches!(kind, EventKind::LinkSilent)));
+    let before = host.blocks.len();
+    robot.run_for(2_000_000);
+    host.receive(None);
+    assert_eq!(host.blocks.len(), before, "blocks wait for the host");
+    host.ask(&mut robot, &ToModule::Ping { host_t_us: 6 })
+        .expect("back");
+    robot.run_for(15_000_000);
+    host.receive(None);
+    host.ends.clear();
+    host.ask(&mut robot, &ToModule::Ping { host_t_us: 7 })
+        .expect("back again after the end");
+    robot.run_for(100_000);
+    host.receive(None);
+    let end = host.ends.pop().expect("the end is told again");
+    assert_eq!(
+        (end.reason, end.cycles, end.dropped),
+        (EndReason::Completed, 240, 0)
+    );
+    assert!(host.saw(|kind| matches!(kind, EventKind::LinkBack)));
+    assert_eq!(samples(&host.blocks).len() as u32, end.samples);
 }

@@ -15,6 +15,7 @@ pub mod doctor;
 pub mod download;
 pub mod emulate;
 pub mod gait;
+pub mod gap;
 pub mod info;
 pub mod list;
 pub mod log;
@@ -76,6 +77,7 @@ commands! {
     Rec => rec,
     Sim => sim,
     Optimise => optimise,
+    Gap => gap,
     Completions => completions,
     Man => man,
     Config => config,

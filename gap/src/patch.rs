@@ -1,0 +1,103 @@
+//! The patch: what was found, as a file that a prediction reads back.
+
+use std::fmt::Write as _;
+
+use crate::diagnose::Diagnosis;
+use crate::joint::{P, Params};
+
+/// Name of a parameter in the patch file.
+fn key(p: P) -> String {
+    format!("{p:?}")
+        .chars()
+        .flat_map(|c| {
+            if c.is_uppercase() {
+                vec!['_', c.to_ascii_lowercase()]
+            } else {
+                vec![c]
+            }
+        })
+        .skip(1)
+        .collect()
+}
+
+/// The found effects under their shared names, and the raw parameters of the joint model.
+#[must_use]
+pub fn to_toml(d: &Diagnosis) -> String {
+    let mut s = String::from("format = 1\nkind = \"joint-patch\"\n");
+    for e in &d.verdict.effects {
+        let _ = writeln!(
+            s,
+            "\n[effect.{}.joint_{}]",
+            e.effect.name(),
+            d.problem.joint
+        );
+        for (k, v) in &e.parameters {
+            let tolerance = (v.ci95[1] - v.ci95[0]) / 3.92;
+            let _ = writeln!(
+                s,
+                "{k} = {{ value = {:?}, tolerance = {tolerance:?}, source = \"gap report\" }}",
+                v.value
+            );
+        }
+    }
+    s.push_str("\n# The joint model in full; ratios are to the values of dataset.toml.\n[joint]\n");
+    for p in P::ALL {
+        let v = d.selection.model.params.get(*p);
+        if v != Params::neutral(*p) {
+            let _ = writeln!(s, "{} = {v:?}", key(*p));
+        }
+    }
+    s
+}
+
+/// Why a patch could not be read.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum PatchError {
+    /// A line of the table `[joint]` that is not `name = number` with a known name.
+    #[error(
+        "line {line}: `{text}` is not a known joint parameter with a number; write the patch with `rb-host gap report --patch`"
+    )]
+    BadLine {
+        /// Line, counted from 1.
+        line: usize,
+        /// The line.
+        text: String,
+    },
+}
+
+/// Reads the `[joint]` table of a patch.
+///
+/// # Errors
+/// The first line that is no known parameter.
+pub fn parse(text: &str) -> Result<Params, PatchError> {
+    let mut out = Params::default();
+    let mut inside = false;
+    for (i, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if line.starts_with('[') {
+            inside = line == "[joint]";
+            continue;
+        }
+        if !inside || line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        let bad = || PatchError::BadLine {
+            line: i + 1,
+            text: line.into(),
+        };
+        let (name, value) = line.split_once('=').ok_or_else(bad)?;
+        let p = P::ALL
+            .iter()
+            .find(|p| key(**p) == name.trim())
+            .ok_or_else(bad)?;
+        let v: f64 = value
+            .trim()
+            .parse()
+            .ok()
+            .filter(|v: &f64| v.is_finite())
+            .ok_or_else(bad)?;
+        out.set(*p, v);
+    }
+    Ok(out)
+}

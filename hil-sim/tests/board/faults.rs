@@ -1,0 +1,187 @@
+//! What a board must survive, on the real image: STOP, watchdog, HardFault, unreadable flash, noise on the wire.
+
+use firmware::crash::{BLOCK_BYTES, CrashKind, CrashRecord};
+use hil_sim::board::elf::{Elf, Symbol};
+use hil_sim::board::host::BoardHost;
+use hil_sim::board::runner::{BoardError, BoardRunner, BusPeer};
+use hil_sim::board::tools::Built;
+use hil_sim::board::wire::Port;
+use protocol::link::{EndReason, FromModule, Info, ModuleState, RunEnd, SlotInfo, ToModule};
+
+use crate::common::{SECOND_NS, board, built, gait, law};
+
+/// The watchdog's period and one cycle.
+const BITE_NS: u64 = 260_000_000;
+
+fn symbol(built: &Built, part: &str) -> Symbol {
+    let bytes = std::fs::read(&built.elf).expect("image");
+    let elf = Elf::parse(&bytes).expect("image");
+    let found = elf.symbols.iter().find(|s| s.name.contains(part));
+    found.expect("static of the image").clone()
+}
+
+fn info<B: BusPeer>(board: &mut BoardRunner<B>, host: &mut BoardHost) -> Info {
+    match host.ask(board, &ToModule::GetInfo).expect("answers") {
+        FromModule::Info(info) => info,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn hello<B: BusPeer>(board: &mut BoardRunner<B>, host: &mut BoardHost) -> u32 {
+    let protocol = protocol::link::VERSION;
+    match host
+        .ask(board, &ToModule::Hello { protocol })
+        .expect("answers")
+    {
+        FromModule::Hello(hello) => hello.boot_id,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn slots<B: BusPeer>(board: &mut BoardRunner<B>, host: &mut BoardHost) -> Vec<Option<SlotInfo>> {
+    match host.ask(board, &ToModule::ListSlots).expect("answers") {
+        FromModule::Slots { slots, .. } => slots.into_iter().collect(),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn an_open_stop_circuit_ends_a_run_within_two_cycles() {
+    let Some(built) = built("STOP input in QEMU") else {
+        return;
+    };
+    let (mut board, mut host) = board(&built.config());
+    host.home(&mut board).expect("drivers answer");
+    let digest = host.upload(&mut board, 0, &gait("crawl")).expect("clear");
+    host.start(&mut board, 0, digest, 20_000).expect("ready");
+    board.run_until(8 * SECOND_NS).expect("runs");
+    assert_eq!(info(&mut board, &mut host).state, ModuleState::Run);
+    board.set_stop(true);
+    board.run_until(board.now_ns() + 100_000_000).expect("runs");
+    assert!((0..6).all(|joint| !board.bus().motors().torque(joint)));
+    assert_eq!(info(&mut board, &mut host).state, ModuleState::EStop);
+}
+
+#[test]
+fn a_clock_that_stands_still_brings_the_watchdog_and_a_new_boot_without_motion() {
+    let Some(built) = built("watchdog in QEMU") else {
+        return;
+    };
+    let driver = symbol(&built, "11board_clock6DRIVER");
+    let (mut board, mut host) = board(&built.config());
+    host.home(&mut board).expect("drivers answer");
+    let first_boot = hello(&mut board, &mut host);
+    board.poke(driver.address, &vec![0; driver.size as usize]);
+    board.run_until(board.now_ns() + BITE_NS).expect("runs");
+    let mut host = BoardHost::new(Port::Wire);
+    assert_ne!(hello(&mut board, &mut host), first_boot);
+    assert_eq!(info(&mut board, &mut host).state, ModuleState::Unhomed);
+    assert_eq!(board.finish().expect("ends").watchdog_bites, 1);
+}
+
+#[test]
+fn a_wild_task_pointer_is_a_hard_fault_that_ends_the_emulator_with_code_2() {
+    let Some(built) = built("HardFault in QEMU") else {
+        return;
+    };
+    let task = symbol(&built, "11application4POOL");
+    let (mut board, _) = board(&built.config());
+    board.run_until(SECOND_NS).expect("runs");
+    board.poke(task.address, &[0xee; 64]);
+    match board.run_until(2 * SECOND_NS) {
+        Err(BoardError::GuestExit { code, .. }) => assert_eq!(code, Some(2)),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn the_fault_record_of_the_life_before_is_told_once() {
+    let Some(built) = built("fault record in QEMU") else {
+        return;
+    };
+    let place = symbol(&built, "11board_fault11CRASH_BLOCK");
+    let mut record = CrashRecord::new(CrashKind::HardFault, 0, 12_345_678);
+    (record.pc, record.lr, record.detail) = (0x0800_1234, 0x0800_5678, 0x8200);
+    let mut block = [0; BLOCK_BYTES];
+    record.encode(&mut block);
+    assert_eq!(place.size as usize, BLOCK_BYTES);
+
+    let (mut board, mut host) = board(&built.config());
+    board.poke(place.address, &block);
+    board.run_until(SECOND_NS / 2).expect("runs");
+    hello(&mut board, &mut host);
+    match host.ask(&mut board, &ToModule::GetCrash).expect("answers") {
+        FromModule::Crash(Some(told)) => {
+            assert_eq!((told.pc, told.lr), (0x0800_1234, 0x0800_5678));
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_gait_survives_a_reset_and_an_unreadable_word_is_an_error_not_a_hang() {
+    let Some(built) = built("flash store in QEMU") else {
+        return;
+    };
+    let (mut board, mut host) = board(&built.config());
+    host.home(&mut board).expect("drivers answer");
+    let digest = host.upload(&mut board, 2, &gait("crawl")).expect("clear");
+    let stored = |slots: &[Option<SlotInfo>]| slots[2].as_ref().map(|slot| slot.digest);
+
+    board.reset();
+    board.run_until(board.now_ns() + SECOND_NS).expect("boots");
+    let mut host = BoardHost::new(Port::Wire);
+    hello(&mut board, &mut host);
+    assert_eq!(stored(&slots(&mut board, &mut host)), Some(digest));
+
+    // Slot 2 owns pages 4 and 5; its third word is payload, in whichever of the two it lies.
+    let page = u32::try_from(firmware::ports::PAGE_BYTES).expect("small");
+    board.damage(4 * page + 16);
+    board.damage(5 * page + 16);
+    board.reset();
+    board.run_until(board.now_ns() + SECOND_NS).expect("boots");
+    let mut host = BoardHost::new(Port::Wire);
+    hello(&mut board, &mut host);
+    assert_eq!(stored(&slots(&mut board, &mut host)), None);
+}
+
+/// Runs for 4 s with these bytes on the cable; the end of the run and the module's counters.
+fn run_under(built: &Built, noise: &[u8]) -> (RunEnd, Info) {
+    let (mut board, mut host) = board(&built.config());
+    host.home(&mut board).expect("drivers answer");
+    let digest = host.upload(&mut board, 0, &gait("crawl")).expect("clear");
+    host.start(&mut board, 0, digest, 4_000).expect("ready");
+    board.send(Port::Wire, noise);
+    let end = host
+        .wait_for_end(&mut board, 20 * SECOND_NS)
+        .expect("runs")
+        .expect("the lease ends");
+    let info = info(&mut board, &mut host);
+    assert_eq!(board.finish().expect("ends").overruns, [0; 3]);
+    (end, info)
+}
+
+#[test]
+fn noise_at_line_rate_on_the_cable_changes_no_set_point_and_costs_no_cycle() {
+    let Some(built) = built("noise on the cable in QEMU") else {
+        return;
+    };
+    // 11.5 bytes per ms for 3 s, from a plain generator; zeros are delimiters and come often.
+    let mut state = 1_u32;
+    let noise: Vec<u8> = (0..34_500)
+        .map(|_| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let byte = state.to_be_bytes()[0];
+            if byte < 24 { 0 } else { byte }
+        })
+        .collect();
+    let (end, info) = run_under(&built, &noise);
+    // The lease ends between two cycles; which side of the 80th depends on the phase of the order.
+    let cycles = end.cycles as usize;
+    assert!((80..=81).contains(&cycles), "{cycles}");
+    assert_eq!((end.reason, end.holds), (EndReason::Completed, 0));
+    assert_eq!(end.setpoint_crc32c, law(&gait("crawl"), cycles).0);
+    let counters = info.counters;
+    assert_eq!((counters.overruns, counters.bus_timeouts), (0, 0));
+    assert!(counters.link.bad_crc + counters.link.bad_framing > 100);
+}

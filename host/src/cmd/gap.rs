@@ -1,0 +1,39 @@
+//! `rb-host gap`: the diagnosis of the gap between simulation and robot.
+
+mod blind;
+mod input;
+mod report;
+mod score;
+
+use crate::context::Context;
+use crate::failure::Outcome;
+
+/// Find where the gap between simulation and robot is, which effect causes it and how far it shrinks
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// What to do.
+    #[command(subcommand)]
+    command: Sub,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Sub {
+    /// Diagnose a data set folder
+    Report(report::Args),
+    /// Write what the model predicts for every run, as CSV
+    Predict(report::PredictArgs),
+    /// Check the diagnosis on emulated joints whose planted cause it does not see
+    Blind(blind::Args),
+}
+
+/// Runs it.
+///
+/// # Errors
+/// A data set that cannot be read (3), a folder that cannot be written (1), a blind check below its limits (8).
+pub fn run(args: &Args, context: &Context) -> Outcome {
+    match &args.command {
+        Sub::Report(a) => report::run(a, context),
+        Sub::Predict(a) => report::predict(a, context),
+        Sub::Blind(a) => blind::run(a, context),
+    }
+}

@@ -1,0 +1,239 @@
+//! `rb-host gap blind`: makes cases, seals their labels, diagnoses each in a process of its own, opens and scores.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use hil_sim::bench_cases;
+use serde_json::{Value, json};
+
+use super::{input, score};
+use crate::context::Context;
+use crate::failure::{Exit, Failure, Outcome};
+
+/// Options of `gap blind`.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Folder for cases, labels and verdicts; a second run there goes on where the first one stopped
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Cases of the mixed suite: 25 % without effect, 40 % one, 25 % two or three, 10 % outside the library
+    #[arg(long, default_value_t = 400)]
+    cases: usize,
+    /// Further cases without effect, to count false alarms
+    #[arg(long, default_value_t = 400)]
+    nulls: usize,
+    /// Seed of the suite
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Processes at once; 0 = one per core
+    #[arg(long, default_value_t = 0)]
+    jobs: usize,
+    /// Withhold the planted effect of every single: the diagnosis must then say "unknown"
+    #[arg(long)]
+    leave_one_out: bool,
+}
+
+/// Number of the first of the further nulls.
+const NULLS_FROM: usize = 1000;
+
+fn fail(what: &str, path: &Path, e: impl core::fmt::Display) -> Failure {
+    Failure::say(
+        Exit::Other,
+        format!("cannot {what} {}: {e}", path.display()),
+    )
+}
+
+fn write(path: &Path, text: &str) -> Outcome {
+    fs::write(path, text).map_err(|e| fail("write", path, e))
+}
+
+fn label_json(l: &bench_cases::Label) -> Value {
+    let one = |((p, f), a): ((&bench_cases::Planted, &f64), &f64)| {
+        let parameters: serde_json::Map<String, Value> = p
+            .parameters
+            .iter()
+            .map(|(k, v)| ((*k).to_string(), json!(v)))
+            .collect();
+        json!({ "effect": p.effect, "parameters": parameters, "floors": f, "floors_any": a })
+    };
+    let planted: Vec<Value> = l
+        .planted
+        .iter()
+        .zip(&l.floors)
+        .zip(&l.floors_any)
+        .map(one)
+        .collect();
+    json!({ "name": l.name, "kind": l.kind, "planted": planted })
+}
+
+/// Runs `work` on every index with a few threads; the first failure is returned.
+fn each(count: usize, jobs: usize, work: impl Fn(usize) -> Outcome + Sync) -> Outcome {
+    let next = AtomicUsize::new(0);
+    let worker = || -> Outcome {
+        loop {
+            let i = next.fetch_add(1, Ordering::Relaxed);
+            if i >= count || crate::interrupt::pressed() {
+                return Ok(());
+            }
+            work(i)?;
+        }
+    };
+    std::thread::scope(|s| {
+        let handles: Vec<_> = (0..jobs).map(|_| s.spawn(worker)).collect();
+        let mut result = Ok(());
+        for h in handles {
+            let one = h
+                .join()
+                .unwrap_or_else(|_| Err(Failure::say(Exit::Other, "a worker stopped")));
+            result = result.and(one);
+        }
+        result
+    })
+}
+
+pub(super) fn run(args: &Args, context: &Context) -> Outcome {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let jobs = if args.jobs == 0 { cores } else { args.jobs };
+    let indices: Vec<usize> = (0..args.cases)
+        .chain(NULLS_FROM..NULLS_FROM + args.nulls)
+        .collect();
+    let cases = args.output.join("cases");
+    let labels = args.output.join("labels");
+    let verdicts = args.output.join(if args.leave_one_out {
+        "verdicts_left_out"
+    } else {
+        "verdicts"
+    });
+    for d in [&cases, &labels, &verdicts] {
+        fs::create_dir_all(d).map_err(|e| fail("make", d, e))?;
+    }
+    context
+        .out
+        .say(format_args!("{} cases on {jobs} processes", indices.len()));
+    each(indices.len(), jobs, |i| {
+        make(&cases, &labels, args.seed, indices[i])
+    })?;
+    let seal = seal(&labels, &indices)?;
+    write(&args.output.join("labels.sha256"), &format!("{seal}\n"))?;
+    context
+        .out
+        .say(format_args!("labels sealed: sha256 {seal}"));
+    let bar = context.out.progress(indices.len() as u64, "diagnosing");
+    each(indices.len(), jobs, |i| {
+        let done = diagnose(&cases, &labels, &verdicts, indices[i], args.leave_one_out);
+        bar.inc(1);
+        done
+    })?;
+    bar.finish_and_clear();
+    if self::seal(&labels, &indices)? != seal {
+        return Err(Failure::say(
+            Exit::Check,
+            "the labels changed while the cases were diagnosed",
+        ));
+    }
+    let read = |path: PathBuf| {
+        fs::read_to_string(path)
+            .ok()
+            .and_then(|t| serde_json::from_str::<Value>(&t).ok())
+    };
+    let pairs: Vec<(Value, Value)> = indices
+        .iter()
+        .filter_map(|i| Some((read(labels.join(file(*i)))?, read(verdicts.join(file(*i)))?)))
+        .collect();
+    let table = if args.leave_one_out {
+        score::left_out(&pairs)
+    } else {
+        score::table(&pairs)
+    };
+    write(
+        &args.output.join(if args.leave_one_out {
+            "score_left_out.md"
+        } else {
+            "score.md"
+        }),
+        &table.markdown(),
+    )?;
+    let value = json!({ "labels_sha256": seal, "seed": args.seed, "rows": table.json(), "failures": table.failures });
+    context
+        .out
+        .result("rb.gap_blind/1", value, || table.markdown());
+    Ok(())
+}
+
+fn file(index: usize) -> String {
+    format!("case_{index:04}.json")
+}
+
+fn make(cases: &Path, labels: &Path, seed: u64, index: usize) -> Outcome {
+    let label = labels.join(file(index));
+    if label.exists() {
+        return Ok(());
+    }
+    let case = bench_cases::case(seed, index);
+    let folder = cases.join(format!("case_{index:04}"));
+    fs::create_dir_all(&folder).map_err(|e| fail("make", &folder, e))?;
+    for (name, text) in &case.files {
+        write(&folder.join(name), text)?;
+    }
+    // The label comes last: a case with a label is complete.
+    write(&label, &format!("{}\n", label_json(&case.label)))
+}
+
+/// Hash over all labels in order.
+fn seal(labels: &Path, indices: &[usize]) -> Outcome<String> {
+    let mut all = Vec::new();
+    for i in indices {
+        let path = labels.join(file(*i));
+        all.extend(fs::read(&path).map_err(|e| fail("read", &path, e))?);
+    }
+    Ok(input::hex(&all))
+}
+
+/// Diagnoses one case in a process that is given the case folder and nothing else.
+fn diagnose(
+    cases: &Path,
+    labels: &Path,
+    verdicts: &Path,
+    index: usize,
+    leave_out: bool,
+) -> Outcome {
+    let out = verdicts.join(file(index));
+    if out.exists() {
+        return Ok(());
+    }
+    let program =
+        std::env::current_exe().map_err(|e| fail("find", Path::new("this program"), e))?;
+    let mut command = Command::new(&program);
+    let part = out.with_extension("part");
+    command
+        .arg("--quiet")
+        .args(["gap", "report"])
+        .arg(cases.join(format!("case_{index:04}")));
+    command
+        .arg("--json-file")
+        .arg(&part)
+        .env("RAYON_NUM_THREADS", "1");
+    if leave_out {
+        let text =
+            fs::read_to_string(labels.join(file(index))).map_err(|e| fail("read", labels, e))?;
+        let label: Value = serde_json::from_str(&text).map_err(|e| fail("read", labels, e))?;
+        match (
+            label["kind"].as_str(),
+            label["planted"][0]["effect"].as_str(),
+        ) {
+            (Some("single"), Some(effect)) => command.args(["--withhold", effect]),
+            _ => return Ok(()),
+        };
+    }
+    let status = command
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .map_err(|e| fail("start", &program, e))?;
+    if status.success() {
+        fs::rename(&part, &out).map_err(|e| fail("move", &part, e))?;
+    }
+    Ok(())
+}
