@@ -37,6 +37,15 @@ pub struct Sample {
     pub motors: [MotorSample; JOINTS],
 }
 
+impl MotorSample {
+    /// All zero.
+    pub const ZERO: Self = Self {
+        dt_us: 0,
+        setpoint_urad: 0,
+        feedback: PackedFeedback::ZERO,
+    };
+}
+
 impl Sample {
     /// All zero.
     pub const ZERO: Self = Self {
@@ -44,11 +53,7 @@ impl Sample {
         t_us: 0,
         flags: 0,
         valid_mask: 0,
-        motors: [MotorSample {
-            dt_us: 0,
-            setpoint_urad: 0,
-            feedback: PackedFeedback::ZERO,
-        }; JOINTS],
+        motors: [MotorSample::ZERO; JOINTS],
     };
 }
 
