@@ -1,7 +1,7 @@
 //! Scenario files: what they switch on, and how they complain.
 
 use hil_sim::fault::FaultKind;
-use hil_sim::scenario::parse;
+use hil_sim::scenario::{BodyKind, parse};
 use hil_sim::world::World;
 
 #[test]
@@ -102,6 +102,13 @@ probability = 1e-4
     assert_eq!(world.faults[1].kind, FaultKind::BrownOut { ratio: 0.5 });
     assert_eq!(world.faults[2].probability, 1e-4);
     World::on_stand(world).expect("runs");
+    assert_eq!(scenario.body, BodyKind::Stand);
+    let mut on_ground = parse("s.toml", "body = \"ground\"\n")
+        .expect("valid")
+        .build()
+        .expect("shipped model");
+    on_ground.advance_to(100_000_000);
+    assert_eq!(on_ground.joints(), 6);
 }
 
 /// (file, line named, words that must be in the message)
@@ -148,6 +155,11 @@ fn errors_name_line_key_and_range() {
             "[effect.coulomb_friction]\ntorque_nm = 1e9\n",
             1,
             &["coulomb_friction.torque_nm", "0 to 20"],
+        ),
+        (
+            "robot = \"bench\"\nbody = \"ground\"\n",
+            2,
+            &["ground", "known: stand"],
         ),
         ("[[fault]]\njoint = 1\n", 1, &["[[fault]]", "`kind`"]),
         (

@@ -7,7 +7,6 @@ use hil_sim::endpoint::{Endpoint, EndpointError, Pty, Serial, Tcp};
 use hil_sim::pace::{self, Pace, ServeEvent};
 use hil_sim::robot::serve::{RobotEvent, serve};
 use hil_sim::scenario::Scenario;
-use hil_sim::world::World;
 use serde_json::json;
 
 use crate::context::Context;
@@ -126,7 +125,8 @@ fn motors(
     scenario: &Scenario,
     endpoint: &mut dyn Endpoint,
 ) -> Outcome {
-    let mut world = World::on_stand(&scenario.world)
+    let mut world = scenario
+        .build()
         .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?;
     let pace = match args.pace {
         PaceArg::Real => Pace::Real,

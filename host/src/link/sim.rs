@@ -47,7 +47,9 @@ pub fn load_scenario(path: Option<&Path>) -> Result<Scenario, LinkError> {
 /// # Errors
 /// [`LinkError::Scenario`]
 pub fn robot_of(scenario: &Scenario) -> Result<EmulatedRobot<World>, LinkError> {
-    let world = World::on_stand(&scenario.world).map_err(|e| LinkError::Scenario(e.to_string()))?;
+    let world = scenario
+        .build()
+        .map_err(|e| LinkError::Scenario(e.to_string()))?;
     let setup = Setup {
         seed: scenario.world.seed,
         ..Setup::default()
