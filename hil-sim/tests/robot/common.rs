@@ -40,13 +40,41 @@ pub(crate) fn ready(number: u8) -> (EmulatedRobot, SimHost, Digest) {
 
 /// As [`ready`] with another set-up.
 pub(crate) fn ready_with(setup: Setup, number: u8) -> (EmulatedRobot, SimHost, Digest) {
+    ready_on(setup, &gait(number))
+}
+
+/// As [`ready_with`] with any gait.
+pub(crate) fn ready_on(setup: Setup, gait: &Gait) -> (EmulatedRobot, SimHost, Digest) {
     let mut robot = EmulatedRobot::with_motors(setup, IdealMotors::new(false));
     let mut host = SimHost::new(robot.link());
     host.home(&mut robot).expect("drivers answer");
-    let digest = host
-        .upload(&mut robot, 0, &gait(number))
-        .expect("the gait is clear");
+    let digest = host.upload(&mut robot, 0, gait).expect("the gait is clear");
     (robot, host, digest)
+}
+
+/// The gaits that come with the project, by file name.
+pub(crate) fn shipped() -> Vec<(String, Gait)> {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../gaits");
+    let mut files: Vec<_> = std::fs::read_dir(folder)
+        .expect("the gaits folder")
+        .map(|entry| entry.expect("readable").path())
+        .filter(|path| {
+            path.extension()
+                .is_some_and(|extension| extension == "toml")
+        })
+        .collect();
+    files.sort();
+    let parse = |path: std::path::PathBuf| {
+        let name = path
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        let text = std::fs::read_to_string(&path).expect("readable");
+        let gait = files::gait::parse(&name, &text).expect("a gait of ours");
+        (name, gait)
+    };
+    files.into_iter().map(parse).collect()
 }
 
 /// INV1, INV2 and INV4 on the drivers' side: every set-point taken is within the limits; it is no further from where the joint stands than it turns

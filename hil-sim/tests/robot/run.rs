@@ -1,13 +1,15 @@
 //! Runs: set-points equal the law's to the bit, telemetry is whole, leases end.
 
-use crate::common::{gait, ready};
+use crate::common::{check_set_points, gait, ready, ready_on, shipped};
 use control::cpg;
+use control::gait::Gait;
 use hil_sim::robot::host::SimHost;
 use hil_sim::robot::{EmulatedRobot, Setup};
 use protocol::crc::Crc32c;
 use protocol::link::telemetry::flags;
 use protocol::link::{
-    EndReason, EventKind, FromModule, ModuleState, Sample, SampleBlock, TelemetryRate, ToModule,
+    EndReason, EventKind, FromModule, ModuleState, RunEnd, Sample, SampleBlock, TelemetryRate,
+    ToModule,
 };
 use protocol::units;
 
@@ -19,77 +21,98 @@ fn samples(blocks: &[SampleBlock]) -> Vec<Sample> {
         .collect()
 }
 
+/// What `control` alone gives: 30 s at 20 Hz.
+fn law(gait: &Gait) -> Vec<[f32; 6]> {
+    let mut state = cpg::start(gait);
+    (0..600)
+        .map(|_| {
+            cpg::step(gait, &mut state, control::CYCLE_S)
+                .joints()
+                .expect("six")
+        })
+        .collect()
+}
+
+fn crc(law: &[[f32; 6]]) -> u32 {
+    let mut crc = Crc32c::new();
+    for angle in law.iter().flatten() {
+        crc.update(&angle.to_le_bytes());
+    }
+    crc.value()
+}
+
+fn urad(law: &[[f32; 6]], joint: usize) -> Vec<i32> {
+    law.iter()
+        .map(|angles| units::urad_from_rad(angles[joint]).expect("finite"))
+        .collect()
+}
+
 #[test]
-fn five_gaits_for_thirty_seconds_equal_control_alone_to_the_bit() {
-    for number in 0..5 {
-        let (mut robot, mut host, digest) = ready(number);
+fn every_shipped_gait_for_thirty_seconds_equals_control_alone_to_the_bit() {
+    let gaits = shipped();
+    assert!(gaits.len() >= 5, "{} gaits", gaits.len());
+    for (name, gait) in gaits {
+        let setup = Setup {
+            link_byte_ns: 0,
+            ..Setup::default()
+        };
+        let (mut robot, mut host, digest) = ready_on(setup, &gait);
         host.start(&mut robot, 0, digest, 30_000, TelemetryRate::Cycle)
             .expect("ready");
         let end = host
-            .wait_for_end(&mut robot, 45_000_000)
+            .wait_for_end(&mut robot, 60_000_000)
             .expect("the lease ends");
+        let law = law(&gait);
         assert_eq!(
-            (end.reason, end.cycles, end.holds, end.dropped),
-            (EndReason::Completed, 600, 0, 0)
+            (
+                end.reason,
+                end.cycles,
+                end.holds,
+                end.dropped,
+                end.setpoint_crc32c
+            ),
+            (EndReason::Completed, 600, 0, 0, crc(&law)),
+            "{name}"
         );
-
-        let gait = gait(number);
-        let mut state = cpg::start(&gait);
-        let law: Vec<_> = (0..600)
-            .map(|_| cpg::step(&gait, &mut state, control::CYCLE_S))
-            .collect();
-        let mut crc = Crc32c::new();
-        law.iter()
-            .flat_map(|points| points.as_slice().to_vec())
-            .for_each(|angle| crc.update(&angle.to_le_bytes()));
-        assert_eq!(end.setpoint_crc32c, crc.value(), "gait {number}");
-
         // What the drivers took after t = 0, in order, is the law in wire counts. The zero of ideal drivers is 0.
         for joint in 0..6 {
-            let expected: Vec<i32> = law
-                .iter()
-                .map(|points| units::urad_from_rad(points.as_slice()[joint]).expect("finite"))
-                .collect();
-            let taken: Vec<i32> = robot
-                .motors()
-                .borrow()
-                .taken(joint)
-                .iter()
-                .map(|taken| taken.goal_urad)
-                .collect();
+            let taken = robot.motors().borrow().taken(joint);
+            let goals: Vec<i32> = taken.iter().map(|taken| taken.goal_urad).collect();
+            let expected = urad(&law, joint);
             assert!(
-                taken.windows(600).any(|run| run == expected),
-                "gait {number} joint {joint}"
+                goals.windows(600).any(|run| run == expected),
+                "{name} joint {joint}"
             );
         }
-
-        // The record holds every cycle once, and its set-points are what was sent.
-        let record = samples(&host.blocks);
-        assert_eq!(record.len() as u32, end.samples);
-        let running: Vec<_> = record
-            .iter()
-            .filter(|sample| sample.cycle > 0 && sample.cycle <= 600)
-            .collect();
-        assert!(
-            running
-                .windows(2)
-                .all(|pair| pair[1].t_us - pair[0].t_us == 50_000)
+        check_set_points(&robot);
+        check_record(&samples(&host.blocks), &end, &law);
+        println!(
+            "{name}: 600 cycles, CRC-32C of the set-points {:08x}",
+            end.setpoint_crc32c
         );
-        for sample in running.iter().filter(|sample| sample.cycle < 600) {
-            let angle = law[sample.cycle as usize - 1].as_slice()[2];
-            assert_eq!(
-                sample.motors[2].setpoint_urad,
-                units::urad_from_rad(angle).expect("finite")
-            );
-            assert_eq!(
-                sample.motors[2].feedback.applied_urad,
-                sample.motors[2].setpoint_urad
-            );
-            assert_eq!(
-                (sample.valid_mask, sample.flags),
-                (63, flags::TORQUE | flags::NEW_SETPOINT)
-            );
-        }
+    }
+}
+
+/// The record holds every cycle once, and its set-points are what was sent.
+fn check_record(record: &[Sample], end: &RunEnd, law: &[[f32; 6]]) {
+    assert_eq!(record.len() as u32, end.samples);
+    assert!(
+        record
+            .windows(2)
+            .all(|pair| pair[1].t_us - pair[0].t_us == 50_000)
+    );
+    let sent = urad(law, 2);
+    for sample in record
+        .iter()
+        .filter(|sample| (1..600).contains(&sample.cycle))
+    {
+        let motor = &sample.motors[2];
+        assert_eq!(motor.setpoint_urad, sent[sample.cycle as usize - 1]);
+        assert_eq!(motor.feedback.applied_urad, motor.setpoint_urad);
+        assert_eq!(
+            (sample.valid_mask, sample.flags),
+            (63, flags::TORQUE | flags::NEW_SETPOINT)
+        );
     }
 }
 
