@@ -4,6 +4,7 @@
 //! - [`peer`]: emulated motors on its bus; [`host`]: a host on its cable
 //! - [`wire`]: the messages between the two
 //! - [`elf`]: symbols and sizes of the image
+//! - [`serve`]: its cable for clients outside, in real time
 //! - [`stack`]: bound of the stack from the image alone
 //! - [`table`]: size, stack and instructions of the image
 //! - [`tools`]: finds QEMU, builds image and plugin for tests
@@ -14,6 +15,7 @@ pub mod elf;
 pub mod host;
 pub mod peer;
 pub mod runner;
+pub mod serve;
 pub mod stack;
 pub mod table;
 pub mod tools;
