@@ -19,8 +19,8 @@ use crate::robot::{JOINTS, RobotModel};
 pub const ROUNDING_M: f32 = 2e-6;
 /// Clearance that every commanded move keeps, m: room for backlash and servo lag of a degree at 0.16 m from an axis.
 pub const MARGIN_M: f32 = 3e-3;
-/// Poses examined at most per move. One settles 95 near moves of 100; what five cannot certify lies within 2.5 mm of the margin.
-pub const MAX_POSES_PER_MOVE: u8 = 5;
+/// Poses examined at most per move. One settles 95 near moves of 100; what three cannot certify lies within 3 mm of the margin.
+pub const MAX_POSES_PER_MOVE: u8 = 3;
 
 /// Two bodies that could meet: one of 0, 1 and one of 5, 6.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -342,7 +342,8 @@ impl Parser {
         let bytes = self.bytes.get(from..to)?;
         let body = bytes.get(PREFIX..)?;
         let (&instruction, rest) = body.split_first()?;
-        let (raw_params, _crc) = rest.split_last_chunk::<2>()?;
+        // Without the CRC. `split_last_chunk` keeps a panic that the optimiser does not always remove.
+        let raw_params = rest.get(..rest.len().checked_sub(2)?)?;
         unstuff(raw_params, &mut self.params);
         Some(Packet {
             id: bytes.get(4).copied()?,
