@@ -192,20 +192,25 @@ fn show(context: &Context, path: &Path, plot: Option<&Path>, force: bool) -> Out
     Ok(())
 }
 
+/// The shortest decimal of a single-precision number, without the tail that double precision would print.
+fn plain(value: f32) -> f64 {
+    value.to_string().parse().unwrap_or(f64::from(value))
+}
+
 fn gait_json(gait: &Gait) -> Value {
     let oscillators: Vec<Value> = gait
         .oscillators()
         .iter()
-        .map(|o| json!({ "amplitude_rad": o.amplitude_rad, "offset_rad": o.offset_rad, "initial_phase_rad": o.initial_phase_rad }))
+        .map(|o| json!({ "amplitude_rad": plain(o.amplitude_rad), "offset_rad": plain(o.offset_rad), "initial_phase_rad": plain(o.initial_phase_rad) }))
         .collect();
     let links: Vec<Value> = gait
         .links()
         .iter()
-        .map(|l| json!({ "from": l.from, "to": l.to, "weight": l.weight, "phase_lag_rad": l.phase_lag_rad }))
+        .map(|l| json!({ "from": l.from, "to": l.to, "weight": plain(l.weight), "phase_lag_rad": plain(l.phase_lag_rad) }))
         .collect();
     json!({
-        "format": files::gait::FORMAT, "name": gait.name(), "frequency_hz": gait.frequency_hz(),
-        "duration_s": gait.duration_s(), "rate_a_per_s": gait.rate_a_per_s(), "oscillator": oscillators, "link": links,
+        "format": files::gait::FORMAT, "name": gait.name(), "frequency_hz": plain(gait.frequency_hz()),
+        "duration_s": plain(gait.duration_s()), "rate_a_per_s": plain(gait.rate_a_per_s()), "oscillator": oscillators, "link": links,
     })
 }
 

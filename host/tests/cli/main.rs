@@ -2,6 +2,7 @@
 
 mod bad_gaits;
 mod commands;
+mod docs;
 mod dropout;
 mod python;
 mod recordings;
