@@ -19,6 +19,7 @@ use crate::link::sim;
 ///
 /// `motors` plays six drivers on the RS485 bus, for a real board on a USB-RS485 stick or a Dynamixel client.
 /// `robot` plays the whole robot, for any other program that speaks the link protocol, rb-host included.
+/// `board` runs the firmware image itself in QEMU with emulated motors on its bus; its cable is served like `robot`'s.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// What to emulate
@@ -45,12 +46,19 @@ pub struct Args {
     /// Motors: answer after the time the wire takes, or at once
     #[arg(long, value_enum, default_value = "real")]
     pace: PaceArg,
+    /// Board: the firmware image [default: built, in the workspace]
+    #[arg(long, value_name = "FILE", requires = "plugin")]
+    elf: Option<PathBuf>,
+    /// Board: the QEMU plugin [default: built, in the workspace]
+    #[arg(long, value_name = "FILE", requires = "elf")]
+    plugin: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum What {
     Motors,
     Robot,
+    Board,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -80,6 +88,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     match args.what {
         What::Motors => motors(args, context, &scenario, endpoint.as_mut()),
         What::Robot => robot(context, &scenario, endpoint.as_mut()),
+        What::Board => board(args, context, &scenario, endpoint.as_mut()),
     }
 }
 
@@ -185,4 +194,72 @@ fn robot(context: &Context, scenario: &Scenario, endpoint: &mut dyn Endpoint) ->
         ));
     }
     Ok(())
+}
+
+#[cfg(unix)]
+fn board(
+    args: &Args,
+    context: &Context,
+    scenario: &Scenario,
+    endpoint: &mut dyn Endpoint,
+) -> Outcome {
+    use hil_sim::board::peer::Motors;
+    use hil_sim::board::runner::BoardRunner;
+    use hil_sim::board::serve::{BoardEvent, serve};
+    use hil_sim::board::tools::{self, Built};
+
+    let other = |error: anyhow::Error| Failure::new(Exit::Other, error);
+    let built = match (&args.elf, &args.plugin) {
+        (Some(elf), Some(plugin)) => Built {
+            qemu: tools::find_qemu().map_err(|e| other(e.into()))?,
+            elf: elf.clone(),
+            plugin: plugin.clone(),
+        },
+        _ => {
+            context
+                .out
+                .say("building the firmware image and the QEMU plugin");
+            let here = std::env::current_dir().map_err(|e| other(e.into()))?;
+            tools::build(&here).map_err(|e| other(e.into()))?
+        }
+    };
+    let world = scenario
+        .build()
+        .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?;
+    let mut config = built.config();
+    config.seed = scenario.world.seed;
+    let mut board = BoardRunner::start(&config, Motors::new(world)).map_err(|e| other(e.into()))?;
+    let mut last = None;
+    serve(&mut board, endpoint, &mut |event| {
+        match event {
+            BoardEvent::Ready { address } => ready(context, address),
+            BoardEvent::Status { .. } => last = Some(event.clone()),
+        }
+        go_on()
+    })
+    .map_err(|e| other(e.into()))?;
+    if let Some(BoardEvent::Status {
+        guest_s,
+        behind_s,
+        clients,
+    }) = last
+    {
+        context.out.say(format_args!(
+            "{guest_s:.1} s of guest time served to {clients} clients, {behind_s:.1} s left out"
+        ));
+    }
+    Ok(())
+}
+
+#[cfg(not(unix))]
+fn board(
+    _args: &Args,
+    _context: &Context,
+    _scenario: &Scenario,
+    _endpoint: &mut dyn Endpoint,
+) -> Outcome {
+    Err(Failure::new(
+        Exit::Other,
+        anyhow::anyhow!("QEMU runs the board on Unix only"),
+    ))
 }
