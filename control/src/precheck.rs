@@ -21,6 +21,8 @@ pub const ROUNDING_M: f32 = 2e-6;
 pub const MARGIN_M: f32 = 3e-3;
 /// Poses examined at most per move. One settles 95 near moves of 100; what three cannot certify lies within 3 mm of the margin.
 pub const MAX_POSES_PER_MOVE: u8 = 3;
+/// Poses examined at most when a move leaves a pose without margin: there the margin asked for is the clearance itself.
+pub const MAX_POSES_PER_ESCAPE: u8 = 5;
 
 /// Two bodies that could meet: one of 0, 1 and one of 5, 6.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -112,8 +114,7 @@ pub fn swept(
     to_rad: &[f32; JOINTS],
     margin_m: f32,
 ) -> Verdict {
-    let mut sweep = Sweep::new(model, from_rad, to_rad, margin_m);
-    sweep.run()
+    Sweep::new(model, from_rad, to_rad, margin_m).run(MAX_POSES_PER_MOVE)
 }
 
 /// A move may start this much nearer than its own first pose when it leaves a pose without margin, m.
@@ -147,12 +148,8 @@ pub fn check_move(
     if !leaves || clearance(model, to_rad).clearance_m < from_m {
         return verdict;
     }
-    swept(
-        model,
-        from_rad,
-        to_rad,
-        (from_m - ESCAPE_SLACK_M).max(margins.escape_m),
-    )
+    let margin_m = (from_m - ESCAPE_SLACK_M).max(margins.escape_m);
+    Sweep::new(model, from_rad, to_rad, margin_m).run(MAX_POSES_PER_ESCAPE)
 }
 
 /// A part of a move still to be certified: centre and half width as fractions of the move.
@@ -194,8 +191,8 @@ impl<'a> Sweep<'a> {
     }
 
     /// Depth-first over the halves of the move, earliest part first.
-    fn run(&mut self) -> Verdict {
-        let mut open: heapless::Vec<Interval, { MAX_POSES_PER_MOVE as usize + 1 }> =
+    fn run(&self, most_poses: u8) -> Verdict {
+        let mut open: heapless::Vec<Interval, { MAX_POSES_PER_ESCAPE as usize + 1 }> =
             heapless::Vec::new();
         let _ = open.push(Interval {
             centre: 0.5,
@@ -209,9 +206,7 @@ impl<'a> Sweep<'a> {
                 Part::Clear(clearance_m) => least_m = least_m.min(clearance_m),
                 Part::Open { certain, blocked } => {
                     // Both halves still have to fit into the budget.
-                    if certain
-                        || usize::from(poses) + open.len() + 2 > usize::from(MAX_POSES_PER_MOVE)
-                    {
+                    if certain || usize::from(poses) + open.len() + 2 > usize::from(most_poses) {
                         return Verdict::Blocked(blocked);
                     }
                     let half = 0.5 * part.half;
