@@ -2,7 +2,7 @@
 
 use super::auth::{Key, Nonce};
 use super::frame::{
-    DecodeError, Decoder, EncodeError, Header, LinkCounters, SOURCE_HOST, VERSION, encode,
+    DecodeError, Decoder, EncodeError, Header, LinkCounters, SOURCE_HOST, UNASKED, VERSION, encode,
     encode_signed,
 };
 use super::message::{FromModule, ToModule};
@@ -10,7 +10,7 @@ use super::message::{FromModule, ToModule};
 /// One frame from a module.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Received {
-    /// `sequence` tells which request it answers; a `boot_id` other than [`Client::boot_id`] tells that the module has restarted.
+    /// `sequence` tells which request it answers, if it is an answer ([`Header::is_answer`]); a `boot_id` other than [`Client::boot_id`] tells that the module has restarted.
     pub header: Header,
     /// The message.
     pub message: FromModule,
@@ -30,7 +30,7 @@ impl Client {
     pub const fn new(first_sequence: u16) -> Self {
         Self {
             decoder: Decoder::new(),
-            next_sequence: first_sequence,
+            next_sequence: first_sequence & !UNASKED,
             boot_id: 0,
         }
     }
@@ -70,7 +70,7 @@ impl Client {
             }
             _ => encode(&header, message, out)?,
         };
-        self.next_sequence = self.next_sequence.wrapping_add(1);
+        self.next_sequence = self.next_sequence.wrapping_add(1) & !UNASKED;
         Ok((header.sequence, len))
     }
 

@@ -11,6 +11,8 @@ use crate::crc::crc32c;
 
 /// Protocol version of this crate. Not the release version: it changes when bytes change their meaning.
 pub const VERSION: u8 = 1;
+/// Bit of `sequence` that requests and answers never have set, and everything a module sends unasked always has.
+pub const UNASKED: u16 = 0x8000;
 /// `source` of a host. Modules use their robot id, 1..=254.
 pub const SOURCE_HOST: u8 = 0;
 
@@ -37,10 +39,18 @@ pub struct Header {
     pub version: u8,
     /// [`SOURCE_HOST`] or the robot id.
     pub source: u8,
-    /// Of a request: chosen by the host. Of a reply: the request's. Of anything else a module sends: its own running count.
+    /// Of a request: chosen by the host, below [`UNASKED`]. Of an answer: the request's. Of anything else a module sends: its own running count with that bit set.
     pub sequence: u16,
     /// The boot the frame belongs to: the module's, as told by `HelloAck`. A host that does not know it yet sends 0.
     pub boot_id: u32,
+}
+
+impl Header {
+    /// Whether a module's frame answers a request.
+    #[must_use]
+    pub fn is_answer(&self) -> bool {
+        self.sequence & UNASKED == 0
+    }
 }
 
 /// A message of one direction.

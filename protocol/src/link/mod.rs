@@ -24,7 +24,7 @@ pub use client::{Client, Received};
 pub use event::{EndReason, Event, EventKind, RunEnd};
 pub use frame::{
     DecodeError, Decoder, EncodeError, Frame, Header, LinkCounters, MAX_FRAME, MAX_PAYLOAD,
-    Message, SOURCE_HOST, VERSION, encode, encode_signed,
+    Message, SOURCE_HOST, UNASKED, VERSION, encode, encode_signed,
 };
 pub use gait::{Digest, WireGait, WireLink, WireOscillator};
 pub use message::{BusStatus, FromModule, TelemetryRate, ToModule};

@@ -7,8 +7,8 @@ use heapless::Vec;
 
 use super::auth::{Key, Nonce, TAG_LEN};
 use super::frame::{
-    DecodeError, Decoder, Frame, Header, LinkCounters, MAX_FRAME, Message, SOURCE_HOST, VERSION,
-    encode,
+    DecodeError, Decoder, Frame, Header, LinkCounters, MAX_FRAME, Message, SOURCE_HOST, UNASKED,
+    VERSION, encode,
 };
 use super::gait::{Digest, WireGait};
 use super::message::{BusStatus, FromModule, MAX_BUS_BYTES, MAX_EVENTS, TelemetryRate, ToModule};
@@ -289,8 +289,8 @@ impl Server {
 
     /// Writes a message that answers nothing (sample, block, event, end of run) into `out`; returns its length.
     pub fn send(&mut self, message: &FromModule, out: &mut [u8; MAX_FRAME]) -> Option<usize> {
-        let sequence = self.next_sequence;
-        self.next_sequence = sequence.wrapping_add(1);
+        let sequence = self.next_sequence | UNASKED;
+        self.next_sequence = self.next_sequence.wrapping_add(1);
         self.write(sequence, message, out)
     }
 

@@ -467,19 +467,31 @@ fn damaged_orders_change_nothing_and_the_link_goes_on() {
     assert_eq!(session.robot.calls.last().unwrap(), "erase 1");
 }
 
+/// A block that a module sends unasked must never pass for the answer to a request, whatever the two counts are.
 #[test]
-fn unasked_messages_carry_their_own_count() {
+fn unasked_messages_carry_their_own_count_that_no_request_has() {
     let mut session = Session::new(Port::Wire, None);
-    for expected in 0..3 {
-        let mut out = [0; MAX_FRAME];
+    let mut out = [0; MAX_FRAME];
+    for expected in (0..=0x7FFF).chain(0..3) {
         let len = session
             .server
-            .send(&FromModule::Sample(sample(1)), &mut out)
+            .send(&FromModule::Ack { request: 0 }, &mut out)
             .unwrap();
-        assert_eq!(
-            receive(&mut session.host, &out[..len]),
-            [(expected, FromModule::Sample(sample(1)))]
-        );
+        let received = receive(&mut session.host, &out[..len]);
+        assert_eq!(received[0].0, UNASKED | expected);
+    }
+    let mut host = Client::new(0xFFFE);
+    for expected in [0x7FFE, 0x7FFF, 0, 1] {
+        let (sequence, len) = host
+            .request(&ToModule::Ping { host_t_us: 0 }, None, &mut out)
+            .unwrap();
+        assert_eq!(sequence, expected);
+        let mut decoder = Decoder::new();
+        let header = out[..len]
+            .iter()
+            .find_map(|byte| decoder.push(*byte).map(|frame| frame.header))
+            .unwrap();
+        assert!(header.is_answer() && header.sequence == sequence);
     }
 }
 
