@@ -8,6 +8,9 @@ use toml::de::{DeArray, DeTable, DeValue};
 
 use super::error::{Excerpt, GaitFileError, KeyList, Problem};
 
+/// Tables with the byte each begins at, and the byte of their list.
+pub(super) type Tables<'s> = (Vec<(&'s DeTable<'s>, usize)>, usize);
+
 /// The file being read.
 #[derive(Clone, Copy)]
 pub(super) struct Source<'a> {
@@ -222,10 +225,7 @@ impl<'s> Section<'s, 's> {
     }
 
     /// The tables of `[[key]]`.
-    pub(super) fn tables(
-        &self,
-        key: &'static str,
-    ) -> Result<Option<(Vec<(&'s DeTable<'s>, usize)>, usize)>, GaitFileError> {
+    pub(super) fn tables(&self, key: &'static str) -> Result<Option<Tables<'s>>, GaitFileError> {
         let Some(value) = self.get(key) else {
             return Ok(None);
         };
