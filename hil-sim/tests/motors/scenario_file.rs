@@ -12,9 +12,7 @@ fn an_empty_file_is_six_catalogue_motors() {
     assert!(scenario.world.faults.is_empty());
 }
 
-#[test]
-fn every_section_arrives_in_the_world() {
-    let text = r#"
+const EVERY_SECTION: &str = r#"
 format = 1
 name = "stall in the third gait cycle"
 seed = 42
@@ -65,7 +63,10 @@ from_s = 10
 kind = "corruption"
 probability = 1e-4
 "#;
-    let scenario = parse("s.toml", text).expect("valid");
+
+#[test]
+fn every_section_arrives_in_the_world() {
+    let scenario = parse("s.toml", EVERY_SECTION).expect("valid");
     let world = &scenario.world;
     assert_eq!(
         (scenario.name.as_str(), world.seed, world.step_ns),
@@ -112,87 +113,88 @@ probability = 1e-4
 }
 
 /// (file, line named, words that must be in the message)
+const BROKEN: &[(&str, usize, &[&str])] = &[
+    ("seed = 1\nbaud = 9600\n", 2, &["`baud`", "known: format"]),
+    ("robot = \"dog\"\n", 1, &["dog", "metamodule, bench"]),
+    ("\n[bus]\nbaud = \"fast\"\n", 3, &["`baud`", "whole number"]),
+    ("[bus]\nspeed = 1\n", 2, &["[bus]", "`speed`", "baud, echo"]),
+    (
+        "[stand]\ngravity_nm = nan\n",
+        2,
+        &["gravity_nm", "NaN", "0 to 100"],
+    ),
+    (
+        "[stand]\ngravity_nm = 0x10\n",
+        2,
+        &["gravity_nm", "decimal"],
+    ),
+    ("[stand]\ngravity_nm = -1\n", 2, &["-1", "0 to 100"]),
+    (
+        "[effect.gremlins]\nsize = 1\n",
+        2,
+        &["gremlins", "physics model"],
+    ),
+    (
+        "[effect.latency]\ndelay = 1\n",
+        2,
+        &["`delay`", "it has delay_s"],
+    ),
+    (
+        "[effect.latency.joint_9]\ndelay_s = 1\n",
+        2,
+        &["joint 9", "0 to 5"],
+    ),
+    (
+        "[effect.latency.joint_x]\ndelay_s = 1\n",
+        1,
+        &["joint_x", "joint_0"],
+    ),
+    ("[effect]\nlatency = 3\n", 2, &["`latency`", "a table"]),
+    (
+        "[effect.coulomb_friction]\ntorque_nm = 1e9\n",
+        1,
+        &["coulomb_friction.torque_nm", "0 to 20"],
+    ),
+    (
+        "robot = \"bench\"\nbody = \"ground\"\n",
+        2,
+        &["ground", "known: stand"],
+    ),
+    ("[[fault]]\njoint = 1\n", 1, &["[[fault]]", "`kind`"]),
+    (
+        "[[fault]]\nkind = \"stall\"\njoint = 6\n",
+        3,
+        &["`joint`", "0 to 5"],
+    ),
+    ("[[fault]]\nkind = \"reply_delay\"\n", 1, &["`delay_s`"]),
+    (
+        "[[fault]]\nkind = \"stall\"\ndelay_s = 1\n",
+        3,
+        &["`delay_s`"],
+    ),
+    (
+        "[[fault]]\nkind = \"explode\"\n",
+        2,
+        &["explode", "brown_out"],
+    ),
+    (
+        "[[fault]]\nkind = \"stall\"\nfrom_s = 2\nto_s = 1\n",
+        1,
+        &["later than from_s"],
+    ),
+    (
+        "[[fault]]\nkind = \"stall\"\nprobability = 1.5\n",
+        3,
+        &["probability", "0 to 1"],
+    ),
+    ("format = 2\n", 1, &["format"]),
+    ("format = 0\n", 1, &["format"]),
+    ("a = \n", 1, &["not valid TOML"]),
+];
+
 #[test]
 fn errors_name_line_key_and_range() {
-    let cases: &[(&str, usize, &[&str])] = &[
-        ("seed = 1\nbaud = 9600\n", 2, &["`baud`", "known: format"]),
-        ("robot = \"dog\"\n", 1, &["dog", "metamodule, bench"]),
-        ("\n[bus]\nbaud = \"fast\"\n", 3, &["`baud`", "whole number"]),
-        ("[bus]\nspeed = 1\n", 2, &["[bus]", "`speed`", "baud, echo"]),
-        (
-            "[stand]\ngravity_nm = nan\n",
-            2,
-            &["gravity_nm", "NaN", "0 to 100"],
-        ),
-        (
-            "[stand]\ngravity_nm = 0x10\n",
-            2,
-            &["gravity_nm", "decimal"],
-        ),
-        ("[stand]\ngravity_nm = -1\n", 2, &["-1", "0 to 100"]),
-        (
-            "[effect.gremlins]\nsize = 1\n",
-            2,
-            &["gremlins", "physics model"],
-        ),
-        (
-            "[effect.latency]\ndelay = 1\n",
-            2,
-            &["`delay`", "it has delay_s"],
-        ),
-        (
-            "[effect.latency.joint_9]\ndelay_s = 1\n",
-            2,
-            &["joint 9", "0 to 5"],
-        ),
-        (
-            "[effect.latency.joint_x]\ndelay_s = 1\n",
-            1,
-            &["joint_x", "joint_0"],
-        ),
-        ("[effect]\nlatency = 3\n", 2, &["`latency`", "a table"]),
-        (
-            "[effect.coulomb_friction]\ntorque_nm = 1e9\n",
-            1,
-            &["coulomb_friction.torque_nm", "0 to 20"],
-        ),
-        (
-            "robot = \"bench\"\nbody = \"ground\"\n",
-            2,
-            &["ground", "known: stand"],
-        ),
-        ("[[fault]]\njoint = 1\n", 1, &["[[fault]]", "`kind`"]),
-        (
-            "[[fault]]\nkind = \"stall\"\njoint = 6\n",
-            3,
-            &["`joint`", "0 to 5"],
-        ),
-        ("[[fault]]\nkind = \"reply_delay\"\n", 1, &["`delay_s`"]),
-        (
-            "[[fault]]\nkind = \"stall\"\ndelay_s = 1\n",
-            3,
-            &["`delay_s`"],
-        ),
-        (
-            "[[fault]]\nkind = \"explode\"\n",
-            2,
-            &["explode", "brown_out"],
-        ),
-        (
-            "[[fault]]\nkind = \"stall\"\nfrom_s = 2\nto_s = 1\n",
-            1,
-            &["later than from_s"],
-        ),
-        (
-            "[[fault]]\nkind = \"stall\"\nprobability = 1.5\n",
-            3,
-            &["probability", "0 to 1"],
-        ),
-        ("format = 2\n", 1, &["format"]),
-        ("format = 0\n", 1, &["format"]),
-        ("a = \n", 1, &["not valid TOML"]),
-    ];
-    for (text, line, words) in cases {
+    for (text, line, words) in BROKEN {
         let error = parse("s.toml", text).expect_err(text).to_string();
         assert!(
             error.starts_with(&format!("s.toml:{line}: ")),
