@@ -19,7 +19,7 @@ use crate::robot::{JOINTS, RobotModel};
 pub const ROUNDING_M: f32 = 2e-6;
 /// Clearance that every commanded move keeps, m: room for backlash and servo lag of a degree at 0.16 m from an axis.
 pub const MARGIN_M: f32 = 3e-3;
-/// Poses examined at most per move. One settles 95 near moves of 100; what three cannot certify lies within 3 mm of the margin.
+/// Poses examined at most per move. One settles 95 near moves of 100; what three cannot certify lies within 4 mm of the margin.
 pub const MAX_POSES_PER_MOVE: u8 = 3;
 /// Poses examined at most when a move leaves a pose without margin: there the margin asked for is the clearance itself.
 pub const MAX_POSES_PER_ESCAPE: u8 = 5;
