@@ -29,6 +29,7 @@ pub struct SimHost {
     client: Client,
     line: LinkLine,
     key: Option<Key>,
+    draining: bool,
     /// Events received unasked.
     pub events: Vec<Event>,
     /// Blocks received unasked.
@@ -47,6 +48,7 @@ impl SimHost {
             client: Client::new(1),
             line,
             key: None,
+            draining: false,
             events: Vec::new(),
             blocks: Vec::new(),
             live: Vec::new(),
@@ -92,6 +94,7 @@ impl SimHost {
             .request(message, proof, &mut out)
             .expect("MAX_FRAME suffices");
         self.line.write(&out[..len]);
+        self.draining = matches!(message, ToModule::Drain { .. });
         let give_up_us = robot.now_us() + PATIENCE_US;
         while robot.now_us() < give_up_us {
             if let Some(answer) = self.receive(Some(sequence)) {
@@ -116,8 +119,11 @@ impl SimHost {
             };
             match received.message {
                 FromModule::Event(event) => self.events.push(event),
-                FromModule::SampleBlock(block) if Some(received.header.sequence) != sequence => {
-                    self.blocks.push(block)
+                // Unasked messages count their own sequence, so a block is an answer only to `Drain`.
+                FromModule::SampleBlock(block)
+                    if !self.draining || Some(received.header.sequence) != sequence =>
+                {
+                    self.blocks.push(block);
                 }
                 FromModule::Sample(sample) => self.live.push(sample),
                 FromModule::RunEnd(end) => self.ends.push(end),
