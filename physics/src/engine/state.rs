@@ -217,14 +217,11 @@ pub(crate) struct Work<L: Lane> {
     pub rounds: u32,
 }
 
-impl<L: Lane> Work<L> {
-    pub(crate) fn new() -> Box<Self> {
-        let z = L::zero();
-        let v = V3::zero();
-        let lanes = [z; MAX_BODIES];
-        let vectors = [v; MAX_BODIES];
-        let never = L::never();
-        let slot = Slot {
+impl<L: Lane> Slot<L> {
+    fn empty() -> Self {
+        let (z, v, never) = (L::zero(), V3::zero(), L::never());
+        let (lanes, vectors) = ([z; MAX_BODIES], [v; MAX_BODIES]);
+        Slot {
             active: never,
             any: false,
             r: v,
@@ -247,8 +244,15 @@ impl<L: Lane> Work<L> {
             k_spin: lanes,
             j: vectors,
             k: vectors,
-        };
-        let pair = Pair {
+        }
+    }
+}
+
+impl<L: Lane> Pair<L> {
+    fn empty() -> Self {
+        let (z, v, never) = (L::zero(), V3::zero(), L::never());
+        let lanes = [z; MAX_BODIES];
+        Pair {
             any: false,
             active: never,
             normal: v,
@@ -258,7 +262,17 @@ impl<L: Lane> Work<L> {
             k: lanes,
             inv: z,
             carried: z,
-        };
+        }
+    }
+}
+
+impl<L: Lane> Work<L> {
+    pub(crate) fn new() -> Box<Self> {
+        let z = L::zero();
+        let v = V3::zero();
+        let lanes = [z; MAX_BODIES];
+        let vectors = [v; MAX_BODIES];
+        let never = L::never();
         Box::new(Work {
             rot: [Rot::identity(); MAX_BODIES],
             p: vectors,
@@ -308,8 +322,8 @@ impl<L: Lane> Work<L> {
                 centre: v,
                 second: never,
             }; MAX_CUBES],
-            slot: [slot; MAX_SLOTS],
-            pair: [pair; MAX_PAIRS],
+            slot: [Slot::empty(); MAX_SLOTS],
+            pair: [Pair::empty(); MAX_PAIRS],
             rounds: 0,
         })
     }
