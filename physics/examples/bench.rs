@@ -8,6 +8,7 @@ mod common;
 #[path = "../validation/tools.rs"]
 mod tools;
 
+use files::model::{Effect, Model};
 use physics::mjcf::Servo;
 use physics::{
     Body, JointDrive, Level, Options, Outcome, Params, Pose, Probe, Stage, Trial, Twist, run_probed,
@@ -151,6 +152,39 @@ fn table(bench: &Bench, params: &Arc<Params>, trials: &[Trial], h: f64) {
         row.energy = energy;
         print(&row, mujoco_speed);
     }
+    let rich = with_effects(trials);
+    for level in [Level::Avx512, Level::Avx2] {
+        if level.available() {
+            let name = format!("ours, {level:?}, 12 sweeps, eight effects on");
+            print(&measured(&name, &rich, level, h, 12), mujoco_speed);
+        }
+    }
+}
+
+/// The same trials with friction, ripple and compliance on every joint, anisotropic and torsional friction and a slope on the ground.
+fn with_effects(trials: &[Trial]) -> Vec<Trial> {
+    let mut model = Model::hand_tuned();
+    let mut on = |effect, joint, values: &[f64]| {
+        model
+            .set_effect(effect, joint, values)
+            .expect("values are in range");
+    };
+    for joint in (0..6).map(Some) {
+        on(Effect::CoulombFriction, joint, &[0.2]);
+        on(Effect::StribeckFriction, joint, &[0.1, 0.05]);
+        on(Effect::LoadDependentFriction, joint, &[0.1]);
+        on(Effect::TorqueRipple, joint, &[0.1, 4.0, 0.0]);
+        on(Effect::Compliance, joint, &[80.0]);
+    }
+    on(Effect::FrictionAnisotropy, None, &[1.3, 0.2]);
+    on(Effect::TorsionalFriction, None, &[0.005]);
+    on(Effect::GroundSlope, None, &[0.01, 0.0]);
+    let params = Arc::new(Params::try_from(&model).expect("all of them are simulated"));
+    let with = |t: &Trial| Trial {
+        params: Arc::clone(&params),
+        ..t.clone()
+    };
+    trials.iter().map(with).collect()
 }
 
 fn main() {
@@ -160,7 +194,7 @@ fn main() {
         .unwrap_or(64);
     let params = tools::params();
     let trials = tools::trials(&params, count);
-    let bench = Bench::new(&params, &trials[..trials.len().min(MUJOCO_TRIALS)]);
+    let bench = Bench::new("bench", &params, &trials[..trials.len().min(MUJOCO_TRIALS)]);
     println!(
         "One core, processor time. {count} random gaits for this engine, the first {MUJOCO_TRIALS} for MuJoCo; 30 s each from home, friction 1, no bounce, CPG included, no lead-in."
     );

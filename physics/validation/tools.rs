@@ -131,11 +131,11 @@ pub(crate) struct Bench {
 }
 
 impl Bench {
-    /// Writes the model and the trials, builds what can be built, and says what cannot.
-    pub(crate) fn new(params: &Params, trials: &[Trial]) -> Bench {
+    /// Writes the model and the trials into a folder of that name, builds what can be built, and says what cannot.
+    pub(crate) fn new(name: &str, params: &Params, trials: &[Trial]) -> Bench {
         let root = Path::new(env!("CARGO_MANIFEST_DIR"));
         let target = root.parent().unwrap_or(root).join("target");
-        let folder = target.join("validation");
+        let folder = target.join("validation").join(name);
         std::fs::create_dir_all(&folder).expect("the target folder can be written");
         let write = |name: &str, data: &[u8]| {
             std::fs::write(folder.join(name), data).expect("the target folder can be written");
