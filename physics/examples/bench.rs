@@ -83,14 +83,14 @@ fn energy_drift(params: &Arc<Params>, h: f64) -> f64 {
 
 fn print(row: &Row, mujoco: Option<f64>) {
     let ratio = mujoco.map_or(f64::NAN, |m| row.speed / m);
+    let energy = if row.energy.is_nan() {
+        "not measured".to_owned()
+    } else {
+        format!("{:.2} %", 100.0 * row.energy)
+    };
     println!(
-        "| {} | {:.0} | {ratio:.1} | {:.3} | {:.2} | {:.4} | {:.2} % |",
-        row.name,
-        row.speed,
-        row.depth_mean_mm,
-        row.depth_worst_mm,
-        row.tracking_rad,
-        100.0 * row.energy
+        "| {} | {:.0} | {ratio:.1} | {:.3} | {:.2} | {:.4} | {energy} |",
+        row.name, row.speed, row.depth_mean_mm, row.depth_worst_mm, row.tracking_rad,
     );
 }
 
