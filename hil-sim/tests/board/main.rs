@@ -4,4 +4,5 @@
 
 mod common;
 mod faults;
+mod serve;
 mod set_points;
