@@ -69,7 +69,9 @@ pub(crate) fn read() -> (u64, Vec<RegionCount>, Vec<u64>) {
 pub(crate) fn restart() {
     let mut guard = COUNTERS.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some(counters) = guard.as_mut() {
-        counters.forgotten = (1..=counters.profile.len()).map(|n| counters.sum(n)).collect();
+        counters.forgotten = (1..=counters.profile.len())
+            .map(|n| counters.sum(n))
+            .collect();
         for region in &mut counters.regions {
             region.opened_at = None;
             region.in_period = 0;
