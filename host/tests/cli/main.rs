@@ -1,4 +1,5 @@
 //! rb-host from the outside: exit codes, messages, files, and a robot at the other end of the wire.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 mod bad_gaits;
 mod commands;
