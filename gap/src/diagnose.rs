@@ -204,6 +204,7 @@ pub fn diagnose(
         runs: fit_runs.clone(),
         weight: floor.weights(),
         prior_weight: 0.0,
+        robust: floor.repeat.is_some(),
     };
     let (nominal, calibrated) = calibrate::calibrate(&objective, free, independent, settings.seed);
     let scales = candidates::scales(&problem, &calibrated.params);

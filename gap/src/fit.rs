@@ -84,6 +84,8 @@ pub struct Objective<'a> {
     pub weight: [f64; CHANNELS],
     /// Cost of one squared tolerance of a prior.
     pub prior_weight: f64,
+    /// Huber loss; only where repeats give the tolerance a meaning.
+    pub robust: bool,
 }
 
 /// Relative step of the finite differences: large enough to step over the kinks that dry friction makes.
@@ -92,10 +94,10 @@ const DIFFERENCE: f64 = 2e-3;
 /// Beyond this many tolerances an error counts linearly: single instants (an edge, a slip) must not outvote the rest.
 const HUBER: f64 = 4.0;
 
-/// Square root of the Huber loss, with the sign of `r`.
-fn huber(r: f64) -> f64 {
+/// Square root of the Huber loss, with the sign of `r`; plain squares where the tolerance is only a guess.
+fn huber(r: f64, robust: bool) -> f64 {
     let a = r.abs();
-    if a <= HUBER {
+    if a <= HUBER || !robust {
         r
     } else {
         (HUBER * (2.0 * a - HUBER)).sqrt().copysign(r)
@@ -139,7 +141,7 @@ impl Objective<'_> {
             for (s, y) in data.samples.iter().zip(trace.iter()) {
                 let m = s.measured[c];
                 if s.enabled && m.is_finite() {
-                    out.push(huber((y[c] - m) * weight));
+                    out.push(huber((y[c] - m) * weight, self.robust));
                 }
             }
             let n = (out.len() - start).max(1);

@@ -96,17 +96,14 @@ pub fn shares(
         ladder.push(score(&params, false));
     }
     if ideal {
-        // An ideal servo has no stages: what the bare servo model gains over it belongs to the driver.
-        let bare = score(start, false);
+        // An ideal servo has no stages before its driver: what the servo model gains over it is the driver's.
         let driver = 1 + Stage::JOINT
             .iter()
             .position(|s| *s == Stage::Driver)
             .unwrap_or(0);
+        let first = ladder[0].clone();
         for level in &mut ladder[1..driver] {
-            level.clone_from(&bare);
-        }
-        if driver > 1 {
-            ladder[1] = ladder[0].clone();
+            level.clone_from(&first);
         }
     }
     let of = |pick: &[usize]| -> Vec<f64> {
@@ -114,8 +111,9 @@ pub fn shares(
         let drops: Vec<f64> = (1..ladder.len())
             .map(|k| (level(k - 1) - level(k)).max(0.0))
             .collect();
-        let rest = (level(ladder.len() - 1) - floor).max(0.0);
-        let sum: f64 = drops.iter().sum::<f64>() + rest;
+        let known: f64 = drops.iter().sum();
+        let rest = (level(ladder.len() - 1) - floor).max(if known > 0.0 { 0.0 } else { 1e-12 });
+        let sum: f64 = known + rest;
         drops
             .iter()
             .chain([&rest])

@@ -211,7 +211,6 @@ fn effect_rows(d: &Diagnosis, left: f64) -> Vec<EffectRow> {
     let n = s.found.len() as f64;
     let row = |(k, f): (usize, &crate::select::Found)| {
         let c = &f.candidate;
-        let own = class(d, k).first().map_or(1.0, |x| x.1);
         let values = names::parameters(&d.problem, c, &s.model.params);
         let estimate = |(i, (key, value)): (usize, (&'static str, f64))| {
             // Interval by moving the underlying parameter one-sidedly through the same conversion.
@@ -252,7 +251,7 @@ fn effect_rows(d: &Diagnosis, left: f64) -> Vec<EffectRow> {
             stage: c.effect.stage().name().into(),
             joint: Some(d.problem.joint),
             parameters: values.into_iter().enumerate().map(estimate).collect(),
-            confidence: (1.0 - left) * own / n,
+            confidence: (1.0 - left) / n,
             alternatives: d.rivals[k].iter().map(alternative).collect(),
             gap_added_alone: score(d, &alone.params, false),
             gap_removed_from_full: score(d, &removed.params, false),
@@ -282,6 +281,7 @@ fn fit_errors(d: &Diagnosis) -> BTreeMap<crate::joint::P, f64> {
         runs: d.fit_runs.clone(),
         weight: d.floor.weights(),
         prior_weight: 1.0 / d.independent,
+        robust: d.floor.repeat.is_some(),
     };
     let cost = o.data_cost(&d.selection.model.params);
     let scale = (cost / d.independent).sqrt();

@@ -1,0 +1,224 @@
+//! The joint model against closed forms, and the search on data from the joint model itself.
+
+mod common;
+
+use files::dataset::{Manifest, Recording};
+use gap::joint::{P, Params, Problem, Trace, simulate};
+use gap::select::Options;
+use gap::verdict::Word;
+use gap::{Settings, diagnose};
+
+fn run(bench: &str, rows: &str) -> Problem {
+    let text =
+        format!("format = 1\nrobot = \"bench\"\n[bench]\n{bench}\n[[run]]\nfile = \"a.csv\"\n");
+    let (m, _) = Manifest::parse("d.toml", &text).expect("valid");
+    let (r, _) = Recording::parse("a.csv", rows, &m).expect("valid");
+    Problem::new(&m, &[r], 0).expect("position")
+}
+
+fn rows(n: usize, dt: f64, start: f64, enable: u8, setpoint: impl Fn(f64) -> f64) -> String {
+    let mut s = String::from("t_s,setpoint_rad,enable,position_rad,velocity_rad_s\n");
+    for i in 0..n {
+        let t = i as f64 * dt;
+        s.push_str(&format!("{t},{},{enable},{start},0\n", setpoint(t)));
+    }
+    s
+}
+
+#[test]
+fn a_free_pendulum_swings_at_its_natural_frequency() {
+    let p = run(
+        "inertia_kg_m2 = 0.02\ngravity_nm = 0.5\n",
+        &rows(2000, 0.005, 0.05, 0, |_| 0.0),
+    );
+    let mut trace = Trace::new();
+    simulate(&p.runs[0], &Params::default(), p.dt_s, &mut trace);
+    let crossings: Vec<usize> = (1..trace.len())
+        .filter(|i| trace[i - 1][0] > 0.0 && trace[*i][0] <= 0.0)
+        .collect();
+    let period = (crossings[crossings.len() - 1] - crossings[0]) as f64 * 0.005
+        / (crossings.len() - 1) as f64;
+    // Small swings: 2 pi sqrt(J / m g l) = 1.2566 s.
+    assert!((period - 1.2566).abs() < 0.005, "{period}");
+}
+
+#[test]
+fn dry_friction_stops_a_coasting_joint_after_the_right_angle() {
+    let mut text = rows(400, 0.005, 0.0, 0, |_| 0.0);
+    text = text.replacen("0,0,0,0,0\n", "0,0,0,0,2.0\n", 1);
+    let p = run("inertia_kg_m2 = 0.02\n", &text);
+    let mut trace = Trace::new();
+    let planted = Params::default().with(P::Coulomb, 0.05);
+    let mut first = p.runs[0].clone();
+    first.edges[0].velocity = 2.0;
+    simulate(&first, &planted, p.dt_s, &mut trace);
+    // Energy: J v^2 / 2 = F x.
+    let want = 0.5 * 0.02 * 4.0 / 0.05;
+    let end = trace[trace.len() - 1][0];
+    assert!(
+        (end - want).abs() < 0.005 * want + 2.0 * p.dt_s,
+        "{end} against {want}"
+    );
+}
+
+#[test]
+fn a_delay_moves_the_answer_and_nothing_else() {
+    let bench = "inertia_kg_m2 = 0.01\n[bench.controller]\nkind = \"pid\"\nkp = 4.0\nkd = 0.4\noutput = \"effort\"\n";
+    let p = run(
+        bench,
+        &rows(600, 0.005, 0.0, 1, |t| if t >= 0.5 { 1.0 } else { 0.0 }),
+    );
+    let at = |delay: f64| {
+        let mut trace = Trace::new();
+        simulate(
+            &p.runs[0],
+            &Params::default().with(P::Delay, delay),
+            p.dt_s,
+            &mut trace,
+        );
+        let i = trace.iter().position(|y| y[0] > 0.5).expect("gets there");
+        let (a, b) = (trace[i - 1][0], trace[i][0]);
+        (i as f64 - 1.0 + (0.5 - a) / (b - a)) * 0.005
+    };
+    // Also between two steps.
+    for delay in [0.01, 0.0333] {
+        assert!(
+            (at(delay) - at(0.0) - delay).abs() < 1e-3,
+            "{delay}: {}",
+            at(delay) - at(0.0)
+        );
+    }
+}
+
+#[test]
+fn a_proportional_servo_settles_at_the_balance_of_torque() {
+    let bench = "inertia_kg_m2 = 0.01\ngravity_nm = 0.5\n[bench.controller]\nkind = \"pid\"\nkp = 5.0\nkd = 0.4\noutput = \"effort\"\n";
+    let p = run(bench, &rows(2000, 0.005, 0.0, 1, |_| 1.0));
+    let mut trace = Trace::new();
+    simulate(&p.runs[0], &Params::default(), p.dt_s, &mut trace);
+    let q = trace[trace.len() - 1][0];
+    assert!(
+        (5.0 * (1.0 - q) - 0.5 * gap::math::sin(q)).abs() < 1e-4,
+        "{q}"
+    );
+}
+
+fn quick() -> Settings {
+    Settings {
+        options: Options {
+            most: 2,
+            refined: 3,
+            ..Options::default()
+        },
+        ..Settings::default()
+    }
+}
+
+#[test]
+fn planted_effects_are_found_inverse_crime() {
+    let table = [
+        ("joint_sign", Params::default().with(P::Scale, -1.0)),
+        ("latency", Params::default().with(P::Delay, 0.03)),
+        ("coulomb_friction", Params::default().with(P::Coulomb, 0.8)),
+        ("gravity_load", Params::default().with(P::Gravity, 1.5)),
+        ("backlash", Params::default().with(P::Play, 0.03)),
+    ];
+    let mut wrong = Vec::new();
+    for (name, planted) in table {
+        let (m, r) = common::data(&planted, 7);
+        let d = diagnose(&m, &r, 0, &quick()).expect("diagnosis");
+        let top = d.verdict.effects.first().map(|e| e.effect.name());
+        let class = d
+            .verdict
+            .ambiguous
+            .iter()
+            .any(|a| a.effects.iter().any(|e| e.name() == name));
+        if top != Some(name) && !class {
+            wrong.push((name, top));
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:?}");
+}
+
+#[test]
+fn no_effect_is_called_none_and_the_answer_repeats() {
+    let (m, r) = common::data(
+        &Params::default()
+            .with(P::Inertia, 1.04)
+            .with(P::Gravity, 0.98),
+        3,
+    );
+    let one = diagnose(&m, &r, 0, &quick()).expect("diagnosis").verdict;
+    assert_eq!(one.verdict, Word::None, "{}", one.sentence);
+    assert!(one.effects.is_empty());
+    let total: f64 = one.place.iter().map(|w| w.share).sum();
+    assert!(total <= 1.0 + 1e-9);
+    let two = diagnose(&m, &r, 0, &quick()).expect("diagnosis").verdict;
+    assert_eq!(
+        serde_json::to_string(&one).expect("json"),
+        serde_json::to_string(&two).expect("json")
+    );
+}
+
+#[test]
+fn probabilities_and_shares_sum_to_one_and_the_patch_reads_back() {
+    let (m, r) = common::data(&Params::default().with(P::Coulomb, 0.8), 5);
+    let d = diagnose(&m, &r, 0, &quick()).expect("diagnosis");
+    let v = &d.verdict;
+    let p: f64 = v.effects.iter().map(|e| e.confidence).sum::<f64>()
+        + v.probabilities.none
+        + v.probabilities.unknown;
+    assert!((p - 1.0).abs() < 1e-9, "{p}");
+    let shares: f64 = v.place.iter().map(|w| w.share).sum();
+    assert!((shares - 1.0).abs() < 1e-9, "{shares}");
+    assert_eq!(
+        gap::patch::parse(&gap::patch::to_toml(&d)).expect("reads"),
+        d.selection.model.params
+    );
+    let html = gap::report::html(&d);
+    for forbidden in ["http://", "https://", "src=", "@import"] {
+        assert!(!html.contains(forbidden), "{forbidden}");
+    }
+    let csv = gap::predict::csv(&d.problem, 0, &d.selection.model.params);
+    assert!(Recording::parse("p.csv", &csv, &m).is_ok());
+}
+
+#[test]
+fn the_diagnosis_depends_on_no_maker_of_test_data() {
+    let out = std::process::Command::new(env!("CARGO"))
+        .args([
+            "metadata",
+            "--format-version",
+            "1",
+            "--offline",
+            "--no-deps",
+        ])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("cargo runs");
+    let v: serde_json::Value = serde_json::from_slice(&out.stdout).expect("json");
+    let packages = v["packages"].as_array().expect("packages");
+    let depends = |name: &str| -> Vec<String> {
+        let p = packages.iter().find(|p| p["name"] == name);
+        let list = p
+            .and_then(|p| p["dependencies"].as_array())
+            .cloned()
+            .unwrap_or_default();
+        list.iter()
+            .filter(|d| d["kind"].is_null())
+            .filter_map(|d| d["name"].as_str().map(str::to_string))
+            .collect()
+    };
+    let mut seen = vec!["gap".to_string()];
+    let mut i = 0;
+    while i < seen.len() {
+        for d in depends(&seen[i].clone()) {
+            if !seen.contains(&d) {
+                seen.push(d);
+            }
+        }
+        i += 1;
+    }
+    assert!(seen.len() > 3);
+    assert!(!seen.iter().any(|n| n == "hil-sim"), "{seen:?}");
+}
