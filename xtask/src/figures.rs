@@ -4,63 +4,44 @@ use crate::{sh, test};
 use anyhow::Result;
 
 /// Each table with the command that prints it.
-const TABLES: &[(&str, &[&str])] = &[
+const TABLES: &[(&str, &str)] = &[
     (
         "Pre-check against parry3d",
-        &[
-            "run",
-            "--release",
-            "-q",
-            "-p",
-            "control",
-            "--example",
-            "precheck_oracle",
-        ],
+        "run --release -q -p control --example precheck_oracle -- 1000000 100000",
     ),
     (
-        "Firmware image in QEMU",
-        &[
-            "run",
-            "--release",
-            "-q",
-            "-p",
-            "hil-sim",
-            "--example",
-            "board_table",
-        ],
+        "Firmware image in QEMU: size, stack, instructions per tick",
+        "run --release -q -p hil-sim --example board_table",
     ),
     (
-        "Emulated robot",
-        &[
-            "run",
-            "--release",
-            "-q",
-            "-p",
-            "hil-sim",
-            "--example",
-            "robot_speed",
-        ],
+        "Emulated robot: speed against real time, upload time on the link",
+        "run --release -q -p hil-sim --example robot_speed",
+    ),
+    (
+        "Motor bus: time of a cycle",
+        "test --release -q -p hil-sim --test motors bus_time_of_a_cycle -- --nocapture",
+    ),
+    (
+        "Telemetry: what the link carries and the memory holds",
+        "test --release -q -p protocol --test telemetry -- --nocapture",
+    ),
+    (
+        "Damaged uploads, missing motors, power cuts",
+        "test --release -q -p hil-sim --test robot --test slots_power_cut -- --nocapture",
     ),
     (
         "Body simulator beside MuJoCo",
-        &[
-            "run",
-            "--release",
-            "-q",
-            "-p",
-            "physics",
-            "--example",
-            "bench",
-        ],
+        "run --release -q -p physics --example bench",
     ),
 ];
 
 /// Print all tables; each command can also be run alone.
 pub(crate) fn run() -> Result<()> {
     test::firmware_image()?;
-    for (title, arguments) in TABLES {
-        println!("\n## {title}\n");
-        sh::run("cargo", arguments)?;
+    for (title, command) in TABLES {
+        println!("\n## {title}\n\n    cargo {command}\n");
+        let arguments: Vec<&str> = command.split(' ').collect();
+        sh::run("cargo", &arguments)?;
     }
     Ok(())
 }

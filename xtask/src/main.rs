@@ -16,7 +16,7 @@ cargo xtask <command>
   setup     only the set-up that `test` does: Rust target, QEMU, Python clients, browser
   fw        build the firmware image for the STM32L475VG and print its size
   gate      link `control` and `protocol` into a thumb image in which a reachable panic is a link error
-  figures   print the tables of docs/figures.md from a fresh run (minutes)
+  figures   print every table that the documentation quotes, from a fresh run (tens of minutes)
 ";
 
 fn main() -> ExitCode {
