@@ -89,7 +89,7 @@ pub fn floor(problem: &Problem) -> Floor {
         spread: [f64::NAN; CHANNELS],
     };
     let mut repeat = [f64::NAN; CHANNELS];
-    for c in 0..CHANNELS {
+    for (c, repeat) in repeat.iter_mut().enumerate() {
         let all: Vec<f64> = problem.runs.iter().flat_map(|r| values(r, c)).collect();
         if all.len() < 3 {
             continue;
@@ -105,7 +105,7 @@ pub fn floor(problem: &Problem) -> Floor {
             }
         }
         if !d.is_empty() {
-            repeat[c] = math::mean(&d);
+            *repeat = math::mean(&d);
         }
     }
     if repeat[0].is_finite() {

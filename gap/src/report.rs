@@ -196,9 +196,9 @@ pub fn html(d: &Diagnosis) -> String {
     if let Some(t) = all.first() {
         replay(&mut s, t, d.problem.linear);
     }
-    let _ = write!(
+    let _ = writeln!(
         s,
-        "<footer><p>{} · seed {} · {} · data {}</p></footer></main></body></html>\n",
+        "<footer><p>{} · seed {} · {} · data {}</p></footer></main></body></html>",
         escape(&v.provenance.tool),
         v.provenance.seed,
         escape(&v.provenance.split),

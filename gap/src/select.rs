@@ -284,8 +284,10 @@ impl Search<'_> {
             let o = self.tuned(self.objective.data_cost(&model.params));
             let now: f64 = held.iter().sum();
             let mut weakest: Option<(f64, usize, Model, Vec<f64>)> = None;
-            for i in 0..found.len() - 1 {
-                let mut m = self.without(model, &found[i].candidate, nominal);
+            // The last one came in just now and stays.
+            let earlier = found.iter().enumerate().take(found.len() - 1);
+            for (i, effect) in earlier {
+                let mut m = self.without(model, &effect.candidate, nominal);
                 o.polish(&mut m, 4);
                 let h = self.held_out(&o, &m);
                 let cost: f64 = h.iter().sum();
