@@ -7,6 +7,7 @@ use serde_json::json;
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::gait_file;
+use crate::link::PortUri;
 use crate::link::text;
 use crate::upload::{self, Options};
 
@@ -66,6 +67,13 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         verify: !args.no_verify,
     };
     let stored = upload::upload(&mut robot, &gait, options)?;
+    if matches!(robot.link().uri(), PortUri::Sim(_)) {
+        context.out.say(format_args!(
+            "The emulated robot in this process forgets the gait when this command ends: `rb-host run {}` uploads and runs; \
+             `rb-host emulate robot --tcp 127.0.0.1:7000` gives one that stays.",
+            args.gait.display()
+        ));
+    }
     let value = json!({
         "name": gait.name(), "slot": stored.slot, "digest": text::hex(&stored.digest.0), "active": stored.active,
         "verified": options.verify, "uploaded": true,

@@ -227,7 +227,7 @@ pub fn remedy(reason: &Reject) -> Option<&'static str> {
             "`rb-host stop` ends a run; `rb-host info` shows the state"
         }
         Reject::NoSuchSlot { .. } | Reject::SlotEmpty | Reject::SlotActive => {
-            "`rb-host slots list` shows the slots"
+            "`rb-host slots list` shows the slots; `sim:` forgets them between two commands (`rb-host run GAIT.toml` uploads and runs)"
         }
         Reject::MotorsMissing { .. } => "`rb-host bus scan` shows who answers",
         Reject::StopInputActive => "release the STOP button",
