@@ -11,8 +11,8 @@ use protocol::link::{Client, FromModule, MAX_FRAME, ToModule};
 
 use crate::common::{board, built};
 
-/// Says HELLO until the module answers.
-fn client(mut line: impl Endpoint, done: &AtomicBool) -> FromModule {
+/// Says HELLO until the module answers. The line is given back: a dropped one would look like a client that hung up.
+fn client<E: Endpoint>(mut line: E, done: &AtomicBool) -> (E, FromModule) {
     let mut client = Client::new(1);
     let mut input = [0; 256];
     let mut rounds = 0_u32;
@@ -33,7 +33,7 @@ fn client(mut line: impl Endpoint, done: &AtomicBool) -> FromModule {
                 && matches!(received.message, FromModule::Hello(_))
             {
                 done.store(true, Ordering::Release);
-                return received.message;
+                return (line, received.message);
             }
         }
     }
@@ -58,8 +58,6 @@ fn a_client_outside_gets_its_hello_answered() {
         }
     })
     .expect("serves");
-    assert!(matches!(
-        outside.join().expect("client"),
-        FromModule::Hello(_)
-    ));
+    let (_line, answer) = outside.join().expect("client");
+    assert!(matches!(answer, FromModule::Hello(_)));
 }
