@@ -152,13 +152,17 @@ fn read_film(folder: &Path, run: &Run) -> Outcome<Vec<Silhouette>> {
     Ok(film)
 }
 
-/// Distance of the outline's centre from first to last frame over the time between, on the ground below a camera at `height_m`.
+/// Distance of the outline's centre between the first and the last frame that show the robot, over the time between, on the ground below
+/// a camera at `height_m`; 0 when it is never seen twice.
 fn mean_speed_m_s(films: &[Vec<Silhouette>], settings: &FilmSettings, height_m: f64) -> f64 {
     let speed = |film: &Vec<Silhouette>| {
-        let (a, b) = (film.first()?.centre_px()?, film.last()?.centre_px()?);
+        let seen = |(k, frame): (usize, &Silhouette)| frame.centre_px().map(|centre| (k, centre));
+        let (first, a) = film.iter().enumerate().find_map(seen)?;
+        let (last, b) = film.iter().enumerate().rev().find_map(seen)?;
         let (dx, dy) = (b.0 - a.0, b.1 - a.1);
-        let seconds = (film.len() - 1) as f64 / settings.rate_hz;
-        Some((dx * dx + dy * dy).sqrt() * height_m / f64::from(settings.focal_px) / seconds)
+        let seconds = (last > first).then(|| (last - first) as f64 / settings.rate_hz)?;
+        let metres = (dx * dx + dy * dy).sqrt() * height_m / f64::from(settings.focal_px);
+        Some(metres / seconds)
     };
     let speeds: Vec<f64> = films.iter().filter_map(speed).collect();
     speeds.iter().sum::<f64>() / speeds.len().max(1) as f64
