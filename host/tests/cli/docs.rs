@@ -38,6 +38,9 @@ fn shown_commands_run() {
             std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("../gaits")).unwrap()
         {
             let path = entry.unwrap().path();
+            if path.is_dir() {
+                continue;
+            }
             std::fs::copy(&path, folder.path("gaits").join(path.file_name().unwrap())).unwrap();
         }
         let commands = commands(page);
