@@ -17,6 +17,24 @@ pub trait Exchange {
     fn all_gather(&self, mine: &[u8]) -> Vec<Vec<u8>>;
 }
 
+/// The only process of a search.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Alone;
+
+impl Exchange for Alone {
+    fn rank(&self) -> usize {
+        0
+    }
+
+    fn size(&self) -> usize {
+        1
+    }
+
+    fn all_gather(&self, mine: &[u8]) -> Vec<Vec<u8>> {
+        vec![mine.to_vec()]
+    }
+}
+
 /// [`GaitTrials`] over all processes of an [`Exchange`].
 #[derive(Debug)]
 pub struct Sharded<T, E> {
@@ -33,6 +51,13 @@ impl<T: GaitTrials, E: Exchange> Sharded<T, E> {
     /// Whether this process is the one that writes files and shows progress.
     pub fn is_first(&self) -> bool {
         self.exchange.rank() == 0
+    }
+
+    /// Whether it holds in any process. All processes ask the same questions in the same order, and all get the same answer: a search
+    /// that one of them must end (Ctrl-C, a full disk) ends in all of them, instead of leaving the others to wait for it.
+    pub fn any(&self, here: bool) -> bool {
+        let all = self.exchange.all_gather(&[u8::from(here)]);
+        all.iter().any(|said| said.first() != Some(&0))
     }
 }
 

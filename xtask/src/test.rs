@@ -2,6 +2,7 @@
 
 use crate::{setup, sh};
 use anyhow::{Result, bail};
+use std::path::Path;
 
 type Step = (&'static str, fn() -> Result<()>);
 
@@ -15,6 +16,7 @@ const STEPS: &[Step] = &[
     ("tests", || {
         sh::run("cargo", &["test", "--workspace", "--no-fail-fast"])
     }),
+    ("search over MPI processes", mpi),
 ];
 
 /// Set up, then run all steps; every failure is collected before the exit.
@@ -47,6 +49,34 @@ fn lints() -> Result<()> {
             "warnings",
         ],
     )
+}
+
+/// The search in several processes, where this machine can build and start them; no other build needs MPI.
+fn mpi() -> Result<()> {
+    let answers = |program| sh::output(program, &["--version"]).is_ok();
+    if !(answers("mpirun") && answers("mpicc") && libclang()) {
+        eprintln!(
+            "SKIPPED  search over MPI processes: needs OpenMPI and libclang \
+             (Debian: openmpi-bin libopenmpi-dev libclang-dev)"
+        );
+        return Ok(());
+    }
+    let tests = ["test", "-p", "host", "--features", "mpi", "--test", "cli"];
+    sh::run("cargo", &[&tests[..], &["search::mpi"]].concat())
+}
+
+/// Whether bindgen will find libclang: where its variable points, or in the library folders of Debian.
+fn libclang() -> bool {
+    let holds = |folder: &Path| {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        let mut names = entries.map(|e| e.file_name().to_string_lossy().into_owned());
+        names.any(|name| name.starts_with("libclang") && name.contains(".so"))
+    };
+    let below = |folder: &str, sub: &str| {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        entries.map(|e| e.path().join(sub)).any(|path| holds(&path))
+    };
+    std::env::var_os("LIBCLANG_PATH").is_some() || below("/usr/lib", "lib") || below("/usr/lib", "")
 }
 
 /// The target folder of image and plug-in is the one the QEMU tests build into, so they find both ready.

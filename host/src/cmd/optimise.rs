@@ -7,10 +7,11 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::{Args as ClapArgs, Subcommand, ValueEnum};
-use files::model::Key;
+use files::model::{Key, Model};
 use optimise::search::{GaitTrials, Search};
 use optimise::select::{Chosen, select};
 use optimise::settings::SearchSettings;
+use optimise::shard::{Alone, Exchange, Sharded};
 use optimise::simulated::Simulated;
 use serde_json::json;
 
@@ -39,25 +40,25 @@ enum What {
 #[derive(Debug, ClapArgs)]
 struct GaitArgs {
     /// Search settings (optimise.toml); absent values are the paper's
-    #[arg(short = 's', long, value_name = "FILE")]
+    #[arg(short = 's', long, value_name = "FILE", conflicts_with = "resume")]
     settings: Option<PathBuf>,
     /// Robot model and effects; the shipped hand-tuned model when absent
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", conflicts_with = "resume")]
     model: Option<PathBuf>,
-    /// Folder for checkpoint, curve and found gaits
+    /// Folder for settings, model, checkpoint, curve and found gaits
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Go on with the search in the folder; settings are those it was started with
+    /// Go on with the search in the folder, with the settings and the model it was started with
     #[arg(long)]
     resume: bool,
     /// Particles [default: 300]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", conflicts_with = "resume")]
     particles: Option<usize>,
-    /// Iterations [default: 200]
+    /// Iterations in all; with --resume a search can be made longer [default: 200]
     #[arg(long, value_name = "N")]
     iterations: Option<u32>,
     /// Seed of everything random [default: 1]
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", conflicts_with = "resume")]
     seed: Option<u64>,
     /// Threads; the result does not depend on it [default: all cores]
     #[arg(short = 'j', long, value_name = "N")]
@@ -90,96 +91,132 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
 }
 
 fn search_gaits(args: &GaitArgs, context: &Context) -> Outcome {
-    let settings = gather_settings(args)?;
     if let Some(threads) = args.threads {
         // Fails only when a pool exists already, and then the searches still agree to the bit.
         let _ = rayon::ThreadPoolBuilder::new()
             .num_threads(threads)
             .build_global();
     }
-    let model = crate::model_file::load(args.model.as_deref())?;
-    let trials = Simulated::new(&model, settings.space.duration_s, settings.seed)
-        .map_err(|error| Failure::new(Exit::BadFile, error))?;
-    let impact_limit_m_s = model.value(Key::ImpactLimit) as f32;
+    let task = Task::gather(args)?;
     match args.engine {
-        Engine::Local => drive(args, &settings, impact_limit_m_s, &trials, true, context),
-        Engine::Mpi => search_over_processes(args, &settings, impact_limit_m_s, trials, context),
+        Engine::Local => drive(args, &task, &Sharded::new(task.trials()?, Alone), context),
+        Engine::Mpi => search_over_processes(args, &task, context),
     }
 }
 
 #[cfg(feature = "mpi")]
-fn search_over_processes(
-    args: &GaitArgs,
-    settings: &SearchSettings,
-    impact_limit_m_s: f32,
-    trials: Simulated,
-    context: &Context,
-) -> Outcome {
+fn search_over_processes(args: &GaitArgs, task: &Task, context: &Context) -> Outcome {
     let world = crate::searching::mpi_engine::World::join()
         .ok_or_else(|| Failure::say(Exit::Other, "MPI was already joined in this process"))?;
-    let trials = optimise::shard::Sharded::new(trials, world);
-    let first = trials.is_first();
-    drive(args, settings, impact_limit_m_s, &trials, first, context)
+    drive(args, task, &Sharded::new(task.trials()?, world), context)
 }
 
 #[cfg(not(feature = "mpi"))]
-fn search_over_processes(
-    _: &GaitArgs,
-    _: &SearchSettings,
-    _: f32,
-    _: Simulated,
-    _: &Context,
-) -> Outcome {
+fn search_over_processes(_: &GaitArgs, _: &Task, _: &Context) -> Outcome {
     Err(Failure::say(Exit::Usage, "this rb-host was built without MPI")
         .hint("build it with `cargo build --release -p host --features mpi` (needs OpenMPI and libclang)"))
 }
 
-/// Iterates, stores and reports. Only the first of several processes writes and speaks.
-fn drive(
+/// What a search is told, read before anything starts. It stands in the folder too, so that a resumed search is the same search.
+struct Task {
+    settings: SearchSettings,
+    model: Model,
+}
+
+/// Names of the settings and the model inside the folder.
+const SETTINGS: &str = "optimise.toml";
+/// See [`SETTINGS`].
+const MODEL: &str = "model.toml";
+
+impl Task {
+    /// From the folder when resumed, else from files and flags.
+    fn gather(args: &GaitArgs) -> Outcome<Self> {
+        let (settings, model) = if args.resume {
+            let folder = Folder::open(&args.output, true)?;
+            (Some(folder.join(SETTINGS)), Some(folder.join(MODEL)))
+        } else {
+            (args.settings.clone(), args.model.clone())
+        };
+        Ok(Self {
+            settings: gather_settings(args, settings.as_deref())?,
+            model: crate::model_file::load(model.as_deref())?,
+        })
+    }
+
+    fn trials(&self) -> Outcome<Simulated> {
+        Simulated::new(
+            &self.model,
+            self.settings.space.duration_s,
+            self.settings.seed,
+        )
+        .map_err(|error| Failure::new(Exit::BadFile, error))
+    }
+
+    /// The search at its start, or as the checkpoint has it. The process that writes gets the folder with it.
+    fn open(&self, args: &GaitArgs, first: bool) -> Outcome<(Search, Option<Folder>)> {
+        let folder = if first {
+            let folder = Folder::open(&args.output, args.resume)?;
+            Some(folder)
+        } else {
+            None
+        };
+        let search = if args.resume {
+            Folder::open(&args.output, true)?.restore::<Search>()?
+        } else {
+            Search::start(
+                self.settings.space.clone(),
+                self.settings.score,
+                self.model.value(Key::ImpactLimit) as f32,
+                self.settings.particles,
+                self.settings.seed,
+            )
+            .map_err(|error| Failure::new(Exit::Usage, error))?
+        };
+        if let Some(folder) = &folder {
+            let settings = toml::to_string(&self.settings).map_err(anyhow::Error::from)?;
+            folder.write(SETTINGS, settings.as_bytes())?;
+            folder.write(MODEL, self.model.to_toml().as_bytes())?;
+            folder.store(&search)?;
+        }
+        Ok((search, folder))
+    }
+}
+
+/// Iterates, stores and reports. Only the first of several processes writes and speaks; what ends one of them ends all.
+fn drive<T: GaitTrials, E: Exchange>(
     args: &GaitArgs,
-    settings: &SearchSettings,
-    impact_limit_m_s: f32,
-    trials: &impl GaitTrials,
-    first: bool,
+    task: &Task,
+    trials: &Sharded<T, E>,
     context: &Context,
 ) -> Outcome {
-    let folder = if first {
-        Some(Folder::open(&args.output, args.resume)?)
-    } else {
-        None
-    };
-    let mut search = if args.resume {
-        Folder::open(&args.output, true)?.restore::<Search>()?
-    } else {
-        Search::start(
-            settings.space.clone(),
-            settings.score,
-            impact_limit_m_s,
-            settings.particles,
-            settings.seed,
-        )
-        .map_err(|error| Failure::new(Exit::Usage, error))?
-    };
+    let opened = task.open(args, trials.is_first());
+    let failed = trials.any(opened.is_err());
+    let (mut search, folder) = opened?;
+    if failed {
+        return Err(Failure::say(
+            Exit::Other,
+            "another process of the job failed",
+        ));
+    }
+    let settings = &task.settings;
     let begun = Instant::now();
-    let bar = first.then(|| {
+    let bar = folder.is_some().then(|| {
         context
             .out
             .progress(u64::from(settings.iterations), "searching")
     });
+    let late = || args.time_limit.is_some_and(|t| begun.elapsed() >= t);
+    let mut stored = Ok(());
     let mut interrupted = false;
     while search.swarm().iteration() < settings.iterations {
-        if interrupt::pressed()
-            || args
-                .time_limit
-                .is_some_and(|limit| begun.elapsed() >= limit)
-        {
-            interrupted = true;
+        interrupted = trials.any(stored.is_err() || interrupt::pressed() || late());
+        if interrupted {
             break;
         }
         search.iterate(trials);
-        if let Some(folder) = &folder {
-            folder.store(&search)?;
-        }
+        stored = folder
+            .as_ref()
+            .map_or(Ok(()), |folder| folder.store(&search));
         if let Some(bar) = &bar {
             bar.set_position(u64::from(search.swarm().iteration()));
             let best = search.swarm().best().map_or(0.0, |best| best.fitness);
@@ -189,6 +226,7 @@ fn drive(
     if let Some(bar) = bar {
         bar.finish_and_clear();
     }
+    stored?;
     let Some(folder) = folder else { return Ok(()) };
     report(&search, settings, &folder, begun.elapsed(), context)?;
     if interrupted {
@@ -284,8 +322,8 @@ fn row(name: &str, gait: &Chosen) -> String {
 }
 
 /// File, then flags.
-fn gather_settings(args: &GaitArgs) -> Outcome<SearchSettings> {
-    let mut settings = match &args.settings {
+fn gather_settings(args: &GaitArgs, file: Option<&Path>) -> Outcome<SearchSettings> {
+    let mut settings = match file {
         Some(path) => read_settings(path)?,
         None => SearchSettings::default(),
     };

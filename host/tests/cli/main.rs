@@ -8,3 +8,4 @@ mod dropout;
 mod python;
 mod recordings;
 mod rig;
+mod search;
