@@ -23,6 +23,7 @@ const FILM_RATE_HZ: f64 = 30.0;
 pub struct Simulated {
     params: Arc<Params>,
     options: Options,
+    level: Level,
     noise_rad: f64,
     duration_s: f64,
     seed: u64,
@@ -41,10 +42,17 @@ impl Simulated {
                 stop_on_collision: true,
                 ..Options::default()
             },
+            level: Level::detect(),
             noise_rad: model.value(Key::CpgNoise),
             duration_s: duration_s.into(),
             seed,
         })
+    }
+
+    /// The same trials on another instruction set than the fastest of this processor; the outcomes are the same bits.
+    #[must_use]
+    pub fn at(self, level: Level) -> Self {
+        Self { level, ..self }
     }
 
     fn trial(&self, job: &GaitJob<'_>) -> Trial {
@@ -65,7 +73,7 @@ impl Simulated {
 impl GaitTrials for Simulated {
     fn run(&self, jobs: &[GaitJob<'_>]) -> Vec<TrialOutcome> {
         let trials: Vec<Trial> = jobs.iter().map(|job| self.trial(job)).collect();
-        run_all(&trials, &self.options)
+        run_all(self.level, &trials, &self.options)
             .into_iter()
             .map(outcome)
             .collect()
@@ -92,6 +100,7 @@ pub struct SimulatedMotions {
     model: Model,
     robot: RobotModel,
     options: Options,
+    level: Level,
     duration_s: f64,
 }
 
@@ -108,8 +117,15 @@ impl SimulatedMotions {
             model: model.clone(),
             robot,
             options,
+            level: Level::detect(),
             duration_s,
         }
+    }
+
+    /// The same motions on another instruction set than the fastest of this processor; they are the same bits.
+    #[must_use]
+    pub fn at(self, level: Level) -> Self {
+        Self { level, ..self }
     }
 
     /// The model with these values in the rows of Table II.
@@ -170,7 +186,7 @@ impl MotionTrials for SimulatedMotions {
     fn run(&self, jobs: &[MotionJob<'_>]) -> Vec<Option<Motion>> {
         let trials: Vec<Option<Trial>> = jobs.iter().map(|job| self.trial(job)).collect();
         let possible: Vec<Trial> = trials.iter().flatten().cloned().collect();
-        let mut outcomes = run_all(&possible, &self.options).into_iter();
+        let mut outcomes = run_all(self.level, &possible, &self.options).into_iter();
         let next = |trial: &Option<Trial>| {
             trial.as_ref()?;
             let outcome = outcomes.next()?;
@@ -184,11 +200,13 @@ impl MotionTrials for SimulatedMotions {
 }
 
 /// All trials in order; groups of lanes go to the threads of the current pool.
-fn run_all(trials: &[Trial], options: &Options) -> Vec<Outcome> {
-    let lanes = Level::detect().lanes();
+fn run_all(level: Level, trials: &[Trial], options: &Options) -> Vec<Outcome> {
     // Settings are ours and gaits have the robot's joints, so a refusal means a structure without outcomes: none are given.
-    let run = |group: &[Trial]| physics::run(group, options).unwrap_or_default();
-    trials.par_chunks(lanes).flat_map_iter(run).collect()
+    let run = |group: &[Trial]| physics::run_at(level, group, options).unwrap_or_default();
+    trials
+        .par_chunks(level.lanes())
+        .flat_map_iter(run)
+        .collect()
 }
 
 /// Rotation matrix of a unit quaternion, w first.
