@@ -10,7 +10,7 @@
 //! - `board`: the firmware image in QEMU, on Unix
 //! - [`robot`]: the firmware application run natively against all of the above
 //!
-//! - [`recorder`]: data sets with a known truth
+//! - [`recorder`]: data sets with a known truth; [`bench_cases`], [`robot_cases`]: blind cases of one joint and of the whole robot
 //! - [`endpoint`], [`pace`]: pseudo-terminal, TCP, serial port, and the wall clock for foreign clients
 //!
 //! Everything but the last line is deterministic: time and seeds are arguments.
@@ -33,6 +33,7 @@ pub mod plant;
 pub mod recorder;
 pub mod rng;
 pub mod robot;
+pub mod robot_cases;
 pub mod scenario;
 pub mod supply;
 pub mod world;

@@ -1,9 +1,11 @@
 //! `rb-host gap`: the diagnosis of the gap between simulation and robot.
 
 mod blind;
+mod blind_whole;
 mod input;
 mod report;
 mod score;
+mod shipped;
 
 use crate::context::Context;
 use crate::failure::Outcome;

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use hil_sim::bench_cases;
 use serde_json::{Value, json};
 
-use super::{input, score};
+use super::{blind_whole, input, score};
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 
@@ -33,6 +33,15 @@ pub(super) struct Args {
     /// Withhold the planted effect of every single: the diagnosis must then say "unknown"
     #[arg(long)]
     leave_one_out: bool,
+    /// Write one whole-robot data set with these causes and stop: EFFECT[@JOINT][:VALUE,...] joined by +, or none
+    #[arg(long, value_name = "CAUSES")]
+    make_case: Option<String>,
+    /// Gaits of a whole-robot case, 1 to 17
+    #[arg(long, default_value_t = 17)]
+    gaits: usize,
+    /// Add silhouettes to the case of --make-case
+    #[arg(long)]
+    filmed: bool,
 }
 
 /// Number of the first of the further nulls.
@@ -94,6 +103,10 @@ fn each(count: usize, jobs: usize, work: impl Fn(usize) -> Outcome + Sync) -> Ou
 }
 
 pub(super) fn run(args: &Args, context: &Context) -> Outcome {
+    if let Some(causes) = &args.make_case {
+        let (gaits, seed, filmed) = (args.gaits, args.seed, args.filmed);
+        return blind_whole::make_case(causes, gaits, seed, filmed, &args.output, context);
+    }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = if args.jobs == 0 { cores } else { args.jobs };
     let indices: Vec<usize> = (0..args.cases)

@@ -1,0 +1,202 @@
+//! Cases for a blind check of a diagnosis: data set folders of a whole emulated robot on the ground, with planted causes.
+//!
+//! Reality here: Table II's servo on DC motors by this crate's own code (LuGre friction, own play and springs, supply, heat), drivers at
+//! 1 kHz, sensors with noise; and the physics crate's body at 1 ms (0.5 ms with play) with 24 sweeps, where the simulator's defaults are
+//! 4 ms and 12. The body's equations are therefore shared with the simulator, its time step, solver accuracy and every constant are not:
+//! each case draws masses, friction, bounce, ERP, CFM, gains, limits, motor constants and camera height within their tolerances, so "no effect" is not
+//! "no difference". `gravity_load` and the effects of body and connector are the body's own switches.
+//!
+//! Each gait is recorded three times, with fresh ground friction (2 %), heading, homing error, battery, joint torques and noise.
+
+mod draw;
+mod drive;
+mod machine;
+mod oracle;
+mod reality;
+mod write;
+
+use control::gait::Gait;
+use thiserror::Error;
+
+use crate::rng::Rng;
+
+pub use draw::{effects, planted};
+
+/// Joints of the robot.
+pub(crate) const JOINTS: usize = 6;
+/// Bus voltage without load, V: that at which Table I's no-load speeds hold.
+pub(crate) const SUPPLY_V: f64 = 12.0;
+/// Stated height of the camera, m (Table II, hand tuned).
+pub(crate) const CAMERA_HEIGHT_M: f64 = 2.6;
+/// Driver ticks (1 ms) between two rows of a recording, and between two set-points.
+pub(crate) const SAMPLE_TICKS: u64 = 25;
+pub(crate) const SEND_TICKS: u64 = 50;
+/// Repeats of each gait.
+const REPEATS: usize = 3;
+
+/// Kinds with the upper end of their share and their number of causes.
+const KINDS: [(&str, f64, usize); 5] = [
+    ("null", 0.25, 0),
+    ("single", 0.65, 1),
+    ("pair", 0.82, 2),
+    ("triple", 0.90, 3),
+    ("outside", 1.0, 1),
+];
+
+/// One planted cause.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Planted {
+    /// Name of the shared vocabulary, or one that no vocabulary holds.
+    pub effect: &'static str,
+    /// Joint, where the effect has one.
+    pub joint: Option<usize>,
+    /// Parameters.
+    pub parameters: Vec<(&'static str, f64)>,
+    /// Convention faults: whether readings stand in the wrong frame too, or the command alone.
+    pub readings_too: bool,
+}
+
+/// What a case is made of, all of it drawn from a seed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Case name.
+    pub name: String,
+    /// `null`, `single`, `pair`, `triple` or `outside`.
+    pub kind: &'static str,
+    /// Seed of tolerances, disturbance and noise.
+    pub seed: u64,
+    /// Causes.
+    pub planted: Vec<Planted>,
+    /// Whether a camera films the first repeat of each gait.
+    pub filmed: bool,
+    /// Length of a run, s.
+    pub duration_s: f64,
+}
+
+/// What only the generator knows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Label {
+    /// Case name.
+    pub name: String,
+    /// Kind, as in [`Plan`].
+    pub kind: &'static str,
+    /// Causes.
+    pub planted: Vec<Planted>,
+    /// What an oracle could gain by each cause, in floors, on encoder angles or base pose over windows of 1 s: the larger of the two.
+    pub floors: Vec<f64>,
+    /// The same over all recorded channels.
+    pub floors_any: Vec<f64>,
+}
+
+/// A case: files of the data set folder, and its label.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Case {
+    /// File name and content, relative to the case folder.
+    pub files: Vec<(String, Vec<u8>)>,
+    /// Label.
+    pub label: Label,
+}
+
+/// Why a case cannot be made.
+#[derive(Clone, Debug, Error, PartialEq)]
+pub enum RobotCaseError {
+    /// No such effect.
+    #[error("no effect `{effect}`; see the effect vocabulary in docs/diagnosis.md")]
+    UnknownEffect {
+        /// Name given.
+        effect: String,
+    },
+    /// A joint is missing or too much.
+    #[error("`{effect}` {}", if *per_joint { "acts on one joint: write effect@JOINT, 0 to 5" } else { "has no joint" })]
+    Joint {
+        /// Effect.
+        effect: &'static str,
+        /// Whether it has a joint.
+        per_joint: bool,
+    },
+    /// More numbers than parameters.
+    #[error("`{effect}` has {most} parameters")]
+    TooMany {
+        /// Effect.
+        effect: &'static str,
+        /// Its parameters.
+        most: usize,
+    },
+    /// The physics refuses the parameters.
+    #[error("no robot can have these parameters; make the effect smaller")]
+    Impossible,
+}
+
+/// The plan of case number `index` of the suite `seed`; `index` from 1000 on makes cases without effect only.
+#[must_use]
+pub fn plan(seed: u64, index: usize) -> Plan {
+    let mut rng = Rng::new(seed, 0xB2, index as u64);
+    let (kind, planted) = if index >= 1000 {
+        ("null", Vec::new())
+    } else {
+        draw::causes(&mut rng)
+    };
+    let camera = planted
+        .iter()
+        .any(|p| p.effect.starts_with("camera") || p.effect == "frame_drop");
+    Plan {
+        name: format!("robot_{index:04}"),
+        kind,
+        seed: rng.next_u64(),
+        filmed: rng.chance(0.25) || camera,
+        planted,
+        // Chosen: two cycles of the paper's 0.2 Hz and a bit.
+        duration_s: 12.0,
+    }
+}
+
+/// Makes a case from its plan, playing each of `gaits`.
+///
+/// # Errors
+/// [`RobotCaseError::Impossible`] for parameters that the physics refuses.
+pub fn case(plan: &Plan, gaits: &[Gait]) -> Result<Case, RobotCaseError> {
+    let truth =
+        reality::Reality::new(plan.seed, &plan.planted).ok_or(RobotCaseError::Impossible)?;
+    let mut files = vec![
+        (
+            "dataset.toml".to_owned(),
+            write::manifest(plan, gaits).into_bytes(),
+        ),
+        (
+            "model.toml".to_owned(),
+            reality::stated_model().to_toml().into_bytes(),
+        ),
+    ];
+    let samples = (plan.duration_s * 1000.0) as usize / SAMPLE_TICKS as usize;
+    for (g, gait) in gaits.iter().enumerate() {
+        for repeat in 0..REPEATS {
+            let run = (plan.seed, (g * REPEATS + repeat) as u64);
+            let mut machine =
+                machine::Machine::new(&truth, gait, Some(run)).ok_or(RobotCaseError::Impossible)?;
+            let track = machine.record(samples);
+            let name = write::run_name(gait, repeat);
+            let mut noise = Rng::new(plan.seed, 0x4E, run.1);
+            files.push((
+                format!("{name}.csv"),
+                write::csv(&track, &mut noise).into_bytes(),
+            ));
+            if plan.filmed && repeat == 0 {
+                files.extend(write::film(&truth.camera, &track, &name, &mut noise));
+            }
+        }
+    }
+    let (floors, floors_any) = oracle::floors(plan, gaits, &truth)
+        .ok_or(RobotCaseError::Impossible)?
+        .into_iter()
+        .unzip();
+    Ok(Case {
+        files,
+        label: Label {
+            name: plan.name.clone(),
+            kind: plan.kind,
+            planted: plan.planted.clone(),
+            floors,
+            floors_any,
+        },
+    })
+}

@@ -1,0 +1,223 @@
+//! Sensors, and the files of a data set folder.
+
+use std::fmt::Write as _;
+
+use camera::{Solid, View};
+use control::gait::Gait;
+use control::kinematics;
+use control::linalg::{Pose as CPose, Rot3, Vec3};
+use control::robot::RobotModel;
+
+use super::machine::Sample;
+use super::reality::CameraTruth;
+use super::{CAMERA_HEIGHT_M, JOINTS, Plan, REPEATS};
+use crate::rng::Rng;
+
+/// Noise of a sensor, 1 sigma. Encoder: 10 urad edges and a shaft that trembles; speed: differences over 10 ms; current and duty: X-series
+/// steps of 2.7 mA and 0.1 %, and noise above them; bus 20 mV; rate gyro and accelerometer: a MEMS sensor at 40 Hz; base: a tracked marker.
+pub(super) const POSITION_RAD: f64 = 2.0e-4;
+pub(super) const SPEED_RAD_S: f64 = 0.01;
+pub(super) const CURRENT_A: f64 = 5.0e-3;
+pub(super) const DUTY: f64 = 2.0e-3;
+pub(super) const BUS_V: f64 = 0.02;
+pub(super) const GYRO_RAD_S: f64 = 0.01;
+pub(super) const ACCEL_M_S2: f64 = 0.05;
+pub(super) const BASE_M: f64 = 1.0e-3;
+pub(super) const TURN_RAD: f64 = 4.0e-3;
+
+/// Film: frames per second, size, focal length (a quarter of a Kinect's 640 x 480 at 580 pixels, doubled).
+pub(super) const FRAME_HZ: f64 = 5.0;
+const WIDTH_PX: usize = 320;
+const HEIGHT_PX: usize = 240;
+pub(super) const FOCAL_PX: f64 = 290.0;
+
+pub(super) fn run_name(gait: &Gait, repeat: usize) -> String {
+    format!("{}_{repeat}", gait.name())
+}
+
+pub(super) fn manifest(plan: &Plan, gaits: &[Gait]) -> String {
+    let mut s = format!(
+        "format = 1\nrobot = \"metamodule\"\nname = \"blind case {}\"\n\n[metamodule]\nmodel = \"model.toml\"\n",
+        plan.name
+    );
+    if plan.filmed {
+        let _ = write!(
+            s,
+            "\n[camera]\nheight_m = {{ value = {CAMERA_HEIGHT_M:?}, tolerance = 0.01 }}\nx_m = {{ value = 0.0, tolerance = 0.005 }}\n\
+             y_m = {{ value = 0.0, tolerance = 0.005 }}\nyaw_rad = {{ value = 0.0, tolerance = 0.005 }}\n\
+             width_px = {{ value = {WIDTH_PX}, tolerance = 0 }}\nheight_px = {{ value = {HEIGHT_PX}, tolerance = 0 }}\n\
+             focal_px = {{ value = {FOCAL_PX:?}, tolerance = 0 }}\nrate_hz = {{ value = {FRAME_HZ:?}, tolerance = 0 }}\n\
+             clock_offset_s = {{ value = 0.0, tolerance = 0.01 }}\n"
+        );
+    }
+    for gait in gaits {
+        for repeat in 0..REPEATS {
+            let name = run_name(gait, repeat);
+            let _ = write!(
+                s,
+                "\n[[run]]\nfile = \"{name}.csv\"\ngait = \"{}\"\n",
+                gait.name()
+            );
+            if plan.filmed && repeat == 0 {
+                let _ = writeln!(s, "frames = \"{name}_film\"");
+            }
+        }
+    }
+    s
+}
+
+/// Columns of a joint.
+const COLUMNS: [&str; 7] = [
+    "setpoint_rad",
+    "applied_setpoint_rad",
+    "position_rad",
+    "velocity_rad_s",
+    "current_a",
+    "duty",
+    "temperature_c",
+];
+
+pub(super) fn csv(track: &[Sample], noise: &mut Rng) -> String {
+    let mut s = String::from("t_s,bus_v");
+    for k in 0..JOINTS {
+        for column in COLUMNS {
+            let _ = write!(s, ",{column}_{k}");
+        }
+    }
+    s.push_str(",gyro_rad_s_x,gyro_rad_s_y,gyro_rad_s_z,accel_m_s2_x,accel_m_s2_y,accel_m_s2_z");
+    s.push_str(",base_x_m,base_y_m,base_z_m,base_qw,base_qx,base_qy,base_qz\n");
+    for (row, sample) in track.iter().enumerate() {
+        line(&mut s, row, sample, noise);
+    }
+    s
+}
+
+fn line(s: &mut String, row: usize, x: &Sample, noise: &mut Rng) {
+    let mut n = |sigma: f64| sigma * noise.normal();
+    let _ = write!(s, "{:.3},{:.2}", x.t_s, x.bus_v + n(BUS_V));
+    for k in 0..JOINTS {
+        let _ = write!(
+            s,
+            ",{:.5},{:.5},{:.5},{:.4},{:.4},{:.3},{:.0}",
+            x.sent_rad[k],
+            x.applied_rad[k],
+            x.encoder_rad[k] + n(POSITION_RAD),
+            x.speed_rad_s[k] + n(SPEED_RAD_S),
+            x.current_a[k] + n(CURRENT_A),
+            (x.duty[k] + n(DUTY)).clamp(-1.0, 1.0),
+            x.case_c[k]
+        );
+    }
+    for v in x.gyro_rad_s {
+        let _ = write!(s, ",{:.4}", v + n(GYRO_RAD_S));
+    }
+    for v in x.accel_m_s2 {
+        let _ = write!(s, ",{:.3}", v + n(ACCEL_M_S2));
+    }
+    // The tracker runs at half the rate of the rows.
+    if row % 2 == 0 {
+        for v in x.base.position_m {
+            let _ = write!(s, ",{:.4}", f64::from(v) + n(BASE_M));
+        }
+        for v in turned(x.base.quaternion, [n(TURN_RAD), n(TURN_RAD), n(TURN_RAD)]) {
+            let _ = write!(s, ",{v:.5}");
+        }
+    } else {
+        s.push_str(",,,,,,,");
+    }
+    s.push('\n');
+}
+
+/// A quaternion turned by a small angle, normalised.
+fn turned(q: [f32; 4], by: [f64; 3]) -> [f64; 4] {
+    let [w, x, y, z] = q.map(f64::from);
+    let [a, b, c] = by.map(|t| 0.5 * t);
+    let r = [
+        w - (a * x + b * y + c * z),
+        x + (a * w + b * z - c * y),
+        y + (b * w + c * x - a * z),
+        z + (c * w + a * y - b * x),
+    ];
+    let size = r.iter().map(|v| v * v).sum::<f64>().sqrt();
+    r.map(|v| v / size)
+}
+
+/// Frames and index of one run; the first frame is never lost.
+pub(super) fn film(
+    camera: &CameraTruth,
+    track: &[Sample],
+    name: &str,
+    noise: &mut Rng,
+) -> Vec<(String, Vec<u8>)> {
+    let robot = RobotModel::default();
+    let solids = Solid::meta_module(&robot);
+    let view = View::new(
+        camera.height_m as f32,
+        (camera.x_m as f32, camera.y_m as f32),
+        camera.yaw_rad as f32,
+        (WIDTH_PX, HEIGHT_PX),
+        FOCAL_PX as f32,
+    );
+    let Ok(view) = view else {
+        return Vec::new();
+    };
+    let mut index = String::from("t_s,file\n");
+    let mut files = Vec::new();
+    let last = track.last().map_or(0.0, |s| s.t_s);
+    let count = (last * FRAME_HZ) as usize + 1;
+    for frame in 0..count {
+        let label_s = frame as f64 / FRAME_HZ;
+        let lost = noise.chance(camera.drop) && frame > 0;
+        let taken_s = label_s + camera.shift_s;
+        let at = track.iter().position(|s| s.t_s + 1e-9 >= taken_s);
+        let Some(sample) = at.and_then(|k| track.get(k)) else {
+            continue;
+        };
+        if lost || taken_s < 0.0 {
+            continue;
+        }
+        let file = format!("{frame:04}.png");
+        let picture = view.render(&solids, &bodies(&robot, sample));
+        if let Ok(png) = camera::picture::silhouette_png(&picture) {
+            let _ = writeln!(index, "{label_s:.3},{file}");
+            files.push((format!("{name}_film/{file}"), png));
+        }
+    }
+    files.push((format!("{name}_film/index.csv"), index.into_bytes()));
+    files
+}
+
+/// World poses of the bodies.
+fn bodies(robot: &RobotModel, sample: &Sample) -> Vec<CPose> {
+    let [x, y, z] = sample.base.position_m;
+    let base = CPose {
+        position_m: Vec3::new(x, y, z),
+        rotation: rotation(sample.base.quaternion),
+    };
+    kinematics::forward(robot, &sample.link_rad)
+        .rebased(3, &base)
+        .bodies()
+        .to_vec()
+}
+
+/// Rotation of a unit quaternion, w first: the images of the unit vectors.
+fn rotation(q: [f32; 4]) -> Rot3 {
+    let [w, x, y, z] = q;
+    Rot3 {
+        x: Vec3::new(
+            1.0 - 2.0 * (y * y + z * z),
+            2.0 * (x * y + w * z),
+            2.0 * (x * z - w * y),
+        ),
+        y: Vec3::new(
+            2.0 * (x * y - w * z),
+            1.0 - 2.0 * (x * x + z * z),
+            2.0 * (y * z + w * x),
+        ),
+        z: Vec3::new(
+            2.0 * (x * z + w * y),
+            2.0 * (y * z - w * x),
+            1.0 - 2.0 * (x * x + y * y),
+        ),
+    }
+}

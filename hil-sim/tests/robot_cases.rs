@@ -1,0 +1,134 @@
+//! Blind cases of the whole robot: they repeat by seed, keep their composition, follow the nominal model, and show what they plant.
+
+use control::gait::Gait;
+use files::dataset::Signal;
+use files::dataset::{Manifest, Recording};
+use hil_sim::robot_cases::{Case, Plan, case, plan, planted};
+
+fn gait(name: &str) -> Gait {
+    let path = format!("{}/../gaits/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(&path).expect("shipped gait");
+    files::gait::parse(name, &text).expect("valid gait")
+}
+
+fn short(causes: &[(&str, Option<usize>, &[f64])]) -> Plan {
+    let planted = causes
+        .iter()
+        .map(|(effect, joint, values)| planted(effect, *joint, values, 1).expect("known"))
+        .collect();
+    Plan {
+        planted,
+        duration_s: 3.0,
+        filmed: false,
+        ..plan(1, 1000)
+    }
+}
+
+fn text<'a>(c: &'a Case, name: &str) -> &'a str {
+    let file = c.files.iter().find(|f| f.0 == name).expect("file");
+    std::str::from_utf8(&file.1).expect("text")
+}
+
+#[test]
+fn cases_repeat_by_seed_and_are_data_sets() {
+    let gaits = [gait("crawl")];
+    let plan = short(&[("coulomb_friction", Some(2), &[0.5])]);
+    let started = std::time::Instant::now();
+    let a = case(&plan, &gaits).expect("possible");
+    eprintln!("{:?}", started.elapsed());
+    assert_eq!(a, case(&plan, &gaits).expect("possible"));
+    let (manifest, _) = Manifest::parse("dataset.toml", text(&a, "dataset.toml")).expect("valid");
+    assert_eq!(manifest.runs.len(), 3);
+    for run in &manifest.runs {
+        let (recording, warnings) =
+            Recording::parse(&run.file, text(&a, &run.file), &manifest).expect("valid");
+        assert!(warnings.is_empty(), "{warnings:?}");
+        assert_eq!(recording.t_s().len(), 120);
+        let position = recording
+            .joint(0)
+            .and_then(|j| j.get(Signal::Position))
+            .expect("measured");
+        assert!(position.iter().all(|x| x.is_finite()));
+    }
+}
+
+/// Root mean square of encoder less the nominal servo law, per joint, over the first run.
+fn off_the_law(c: &Case) -> [f64; 6] {
+    let (manifest, _) = Manifest::parse("dataset.toml", text(c, "dataset.toml")).expect("valid");
+    let file = &manifest.runs[0].file;
+    let (recording, _) = Recording::parse(file, text(c, file), &manifest).expect("valid");
+    std::array::from_fn(|k| {
+        let joint = recording.joint(k).expect("six joints");
+        let set_point = joint.get(Signal::Setpoint).expect("sent");
+        let measured = joint.get(Signal::Position).expect("measured");
+        // Table II, hand tuned: P = 10 1/s, 2.5 and 1.5 rad/s.
+        let limit = if k == 1 || k == 4 { 1.5 } else { 2.5 };
+        let (mut q, mut sum) = (measured[0], 0.0);
+        for (sp, m) in set_point.iter().zip(measured) {
+            sum += (m - q) * (m - q);
+            for _ in 0..25 {
+                q += 1e-3 * (10.0 * (sp - q)).clamp(-limit, limit);
+            }
+        }
+        (sum / measured.len() as f64).sqrt()
+    })
+}
+
+#[test]
+fn without_a_cause_the_joints_follow_the_nominal_servo() {
+    let c = case(&short(&[]), &[gait("crawl")]).expect("possible");
+    // Gains are drawn with 3 %; the lag behind a 0.2 Hz gait of 0.7 rad is 0.09 rad.
+    for (k, off) in off_the_law(&c).into_iter().enumerate() {
+        assert!(off < 0.006, "joint {k}: {off}");
+    }
+    let c = case(&short(&[("latency", Some(1), &[0.1])]), &[gait("crawl")]).expect("possible");
+    assert!(off_the_law(&c)[1] > 0.02, "{:?}", off_the_law(&c));
+}
+
+#[test]
+fn large_causes_are_detectable_and_show_in_the_channel_they_act_on() {
+    let gaits = [gait("crawl")];
+    let floors = |effect: &str, joint: Option<usize>, values: &[f64]| {
+        let made = case(&short(&[(effect, joint, values)]), &gaits).expect("possible");
+        (made.label.floors[0], made.label.floors_any[0])
+    };
+    assert!(floors("joint_offset", Some(2), &[0.4]).0 > 2.0);
+    assert!(floors("ground_slope", None, &[0.1, 0.1]).0 > 2.0);
+    assert!(floors("camera_yaw", None, &[0.3]).0 < 1.0, "nobody films");
+    // The servo hides friction from the encoder, not from the current.
+    let (main, any) = floors("coulomb_friction", Some(1), &[1.0]);
+    assert!(main < 2.0 && any > 2.0, "{main} {any}");
+}
+
+#[test]
+fn a_suite_holds_its_shares_and_every_effect_can_be_made() {
+    let kinds: Vec<&str> = (0..400).map(|i| plan(1, i).kind).collect();
+    for (kind, want) in [
+        ("null", 0.25),
+        ("single", 0.40),
+        ("pair", 0.17),
+        ("triple", 0.08),
+        ("outside", 0.10),
+    ] {
+        let share = kinds.iter().filter(|k| **k == kind).count() as f64 / 400.0;
+        // Binomial, 400 draws: 1 sigma is at most 2.5 %.
+        assert!((share - want).abs() < 0.075, "{kind}: {share}");
+    }
+    assert!((1000..1400).all(|i| plan(1, i).planted.is_empty()));
+    let gaits = [gait("crawl")];
+    for effect in hil_sim::robot_cases::effects() {
+        let cause = planted(effect, None, &[], 3).or_else(|_| planted(effect, Some(4), &[], 3));
+        let p = Plan {
+            planted: vec![cause.expect("known")],
+            duration_s: 1.0,
+            filmed: true,
+            ..plan(1, 1000)
+        };
+        let made = case(&p, &gaits).unwrap_or_else(|e| panic!("{effect}: {e}"));
+        assert!(made.label.floors_any[0].is_finite(), "{effect}");
+        assert!(
+            text(&made, "crawl_0_film/index.csv").lines().count() > 1,
+            "{effect}"
+        );
+    }
+}
