@@ -19,6 +19,8 @@ mod repeats;
 mod table;
 mod walk;
 
+pub(crate) use manifest::bounds;
+
 pub use error::{DatasetError, Warning};
 pub use manifest::{
     Bench, Camera, Command, Controller, ControllerKind, Manifest, Motion, Output, Quantity, Robot,

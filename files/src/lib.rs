@@ -4,3 +4,4 @@
 pub mod dataset;
 pub mod gait;
 pub mod model;
+pub mod schema;

@@ -270,22 +270,35 @@ fn parse_run(
     })
 }
 
-const CAMERA_KEYS: [&str; 9] = [
-    "height_m",
-    "x_m",
-    "y_m",
-    "yaw_rad",
-    "width_px",
-    "height_px",
-    "focal_px",
-    "rate_hz",
-    "clock_offset_s",
-];
+/// Limits of the numbers, for the reader and the schema.
+pub(crate) mod bounds {
+    /// Upper bound: far above any joint, low enough to catch a wrong power of ten in a unit.
+    pub(crate) const HIGH: f64 = 1e7;
+    /// Smallest positive value that still makes sense for an inertia, a voltage or a speed.
+    pub(crate) const POSITIVE: f64 = 1e-9;
+    /// Shortest control period, s.
+    pub(crate) const PERIOD_S: f64 = 1e-6;
+    /// Camera numbers lie within this of zero, in the unit of their key.
+    pub(crate) const CAMERA_LIMIT: f64 = 1e6;
+    /// What may be known of a camera.
+    pub(crate) const CAMERA_KEYS: [&str; 9] = [
+        "height_m",
+        "x_m",
+        "y_m",
+        "yaw_rad",
+        "width_px",
+        "height_px",
+        "focal_px",
+        "rate_hz",
+        "clock_offset_s",
+    ];
+}
+use bounds::{CAMERA_KEYS, CAMERA_LIMIT, HIGH, PERIOD_S, POSITIVE};
 
 fn parse_camera(t: &Walk<'_, '_>, warnings: &mut Vec<Warning>) -> Result<Camera, DatasetError> {
     let mut quantities = BTreeMap::new();
     for key in CAMERA_KEYS {
-        if let Some((value, tolerance)) = t.quantity(key, -1e6, 1e6, warnings)? {
+        if let Some((value, tolerance)) = t.quantity(key, -CAMERA_LIMIT, CAMERA_LIMIT, warnings)? {
             quantities.insert(key, Quantity { value, tolerance });
         }
     }
@@ -301,8 +314,6 @@ fn set(
     low: f64,
     warnings: &mut Vec<Warning>,
 ) -> Result<(), DatasetError> {
-    // Upper bound: far above any joint, low enough to catch a wrong power of ten in a unit.
-    const HIGH: f64 = 1e7;
     for key in keys {
         if let Some((value, tolerance)) = t.quantity(key, low, HIGH, warnings)? {
             let tolerance = tolerance.or(slot.and_then(|q| q.tolerance));
@@ -317,8 +328,6 @@ fn apply_bench(
     t: &Walk<'_, '_>,
     warnings: &mut Vec<Warning>,
 ) -> Result<(), DatasetError> {
-    // Smallest positive value that still makes sense for an inertia, a voltage or a speed.
-    const POSITIVE: f64 = 1e-9;
     let commands = [
         ("position", Command::Position),
         ("effort", Command::Effort),
@@ -344,7 +353,7 @@ fn apply_bench(
         &mut bench.gravity,
         t,
         &["gravity_nm", "gravity_n"],
-        -1e7,
+        -HIGH,
         warnings,
     )?;
     set(&mut bench.supply_v, t, &["supply_v"], POSITIVE, warnings)?;
@@ -398,8 +407,8 @@ fn apply_controller(
     set(&mut c.ki, t, &["ki"], 0.0, warnings)?;
     set(&mut c.kd, t, &["kd"], 0.0, warnings)?;
     set(&mut c.kv, t, &["kv"], 0.0, warnings)?;
-    set(&mut c.limit, t, &["limit"], 1e-9, warnings)?;
-    set(&mut c.period_s, t, &["period_s"], 1e-6, warnings)?;
+    set(&mut c.limit, t, &["limit"], POSITIVE, warnings)?;
+    set(&mut c.period_s, t, &["period_s"], PERIOD_S, warnings)?;
     t.finish(warnings);
     Ok(())
 }

@@ -30,6 +30,7 @@ use control::math::wrap_pi;
 use toml::de::DeTable;
 
 pub use error::{Excerpt, GaitFileError, KeyList, ParserText, Problem};
+pub(crate) use walk::neat_degrees;
 pub use write::to_toml;
 
 use walk::{Allowed, Angle, Section, Source};
@@ -211,9 +212,12 @@ struct OscillatorRow {
     start: usize,
 }
 
+/// A limit such as 0.01 as written, without the tail of single precision.
+pub(crate) fn neat(limit: f32) -> f64 {
+    limit.to_string().parse().unwrap_or(f64::from(limit))
+}
+
 fn range(limits: Range, unit: &'static str) -> Allowed {
-    // A limit such as 0.01 is told as written, not with the tail of single precision.
-    let neat = |limit: f32| limit.to_string().parse().unwrap_or(f64::from(limit));
     Allowed {
         min: neat(limits.min),
         max: neat(limits.max),

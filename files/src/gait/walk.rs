@@ -314,7 +314,7 @@ pub(super) fn radians(degrees: f64) -> f32 {
 }
 
 /// A limit in degrees without the tail that single precision leaves.
-fn neat_degrees(rad: f64) -> f64 {
+pub(crate) fn neat_degrees(rad: f64) -> f64 {
     (rad * (180.0 / core::f64::consts::PI) * 1e4).round() / 1e4
 }
 
