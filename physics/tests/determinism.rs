@@ -2,10 +2,8 @@
 // Helpers outside `#[test]` functions may fail a test by panicking too.
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::random_gait;
 use files::model::{Effect, Model};
+use peers::random_gait;
 use physics::{Drive, Level, Options, Outcome, Params, Start, Trial, run_at};
 use std::sync::Arc;
 

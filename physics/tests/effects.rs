@@ -2,10 +2,8 @@
 // Helpers outside `#[test]` functions may fail a test by panicking too.
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::random_gait;
 use files::model::{Effect, Model, Stage};
+use peers::random_gait;
 use physics::{
     Body, Drive, GRAVITY_M_S2, JointDrive, Level, Options, Outcome, Params, Pose, Robot, Start,
     Trial, Twist, run_at,

@@ -5,10 +5,8 @@
 // Helpers outside `#[test]` functions may fail a test by panicking too.
 #![allow(clippy::unwrap_used)]
 
-mod common;
-
-use common::random_gait;
 use files::model::{Effect, Model};
+use peers::random_gait;
 use physics::{Drive, Level, Options, Outcome, Params, Pose, Start, Trial, Twist, run_at};
 use std::sync::Arc;
 

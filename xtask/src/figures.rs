@@ -31,7 +31,11 @@ const TABLES: &[(&str, &str)] = &[
     ),
     (
         "Body simulator beside MuJoCo",
-        "run --release -q -p physics --example bench",
+        "run --release -q -p host -- bench",
+    ),
+    (
+        "Body simulator, MuJoCo, ODE and Rapier on the same gaits",
+        "run --release -q -p peers --features rapier --example validate 50 coarse",
     ),
 ];
 

@@ -74,8 +74,10 @@ pub enum Stage {
     MassMatrix,
     /// Velocities, gravity and velocity products, servo.
     Bias,
-    /// Contact points with the ground and of cubes with each other.
+    /// Contact points with the ground.
     Contacts,
+    /// Cubes against each other.
+    SelfContact,
     /// Gauss-Seidel and motor torques.
     Solver,
     /// New velocities and positions, check for numbers.
@@ -117,8 +119,9 @@ pub(crate) fn step<L: Lane>(
     dynamics::servo(tree, p, switches, command, s, w);
     probe.ended(Stage::Bias);
     contact::detect(tree, p, s, w);
-    selfcontact::detect(tree, s, w);
     probe.ended(Stage::Contacts);
+    selfcontact::detect(tree, s, w);
+    probe.ended(Stage::SelfContact);
     solve::solve(tree, p, switches, s, w);
     probe.ended(Stage::Solver);
     dynamics::integrate(tree, p, switches, s, w);

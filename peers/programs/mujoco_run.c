@@ -1,11 +1,11 @@
 // Steps the exported model in MuJoCo with the servo of Table II, or measures its energy drift.
 //
-//   mujoco_run MODEL.xml DT TRIALS.bin OUT.bin      every trial; poses and joint angles at 20 Hz to OUT.bin
+//   mujoco_run MODEL.xml DT CONE TRIALS.bin OUT.bin   every trial; poses and joint angles at 20 Hz to OUT.bin; CONE 0 pyramidal, 1 elliptic
 //   mujoco_run MODEL.xml DT energy                  limp robot turning in the air without gravity for 10 s
 //
 // TRIALS.bin: int32 trials, ticks, joints; f64 gain, speed, torque limit per joint; f64 set-points [trial][tick][joint].
 // OUT.bin: f64 [trial][tick + 1][3 position, 4 quaternion, joints].
-// Standard output: "name value" lines. Options are MuJoCo's defaults but for the elliptic cone (set in the model).
+// Standard output: "name value" lines. All other options are MuJoCo's defaults, or what the model sets for its form of the servo.
 #include <math.h>
 #include <mujoco/mujoco.h>
 #include <stdint.h>
@@ -61,7 +61,9 @@ int main(int argc, char **argv) {
         energy(m, d);
         return 0;
     }
-    FILE *in = fopen(argv[3], "rb"), *out = fopen(argv[4], "wb");
+    if (argc < 6) return 2;
+    m->opt.cone = atoi(argv[3]);
+    FILE *in = fopen(argv[4], "rb"), *out = fopen(argv[5], "wb");
     int32_t head[3];
     if (!in || !out || fread(head, 4, 3, in) != 3) return 1;
     int trials = head[0], ticks = head[1], nj = head[2];

@@ -1,17 +1,13 @@
-//! The tables of docs/physics.md: this engine beside MuJoCo and ODE on the same gaits, and convergence with the time step.
+//! The tables of docs/physics.md: this engine beside MuJoCo, ODE and Rapier on the same gaits, and convergence with the time step.
 //!
-//! `cargo run --release -p physics --example validate [GAITS] [coarse]`; `coarse` leaves out the 0.5 ms runs, which take
-//! most of the time. Needs cc, libode-dev and target/venv with mujoco for the other engines.
+//! `cargo run --release -p peers --features rapier --example validate [GAITS] [coarse]`; `coarse` leaves out the 0.5 ms runs, which
+//! take most of the time. Needs cc, libode-dev and target/venv with mujoco for the engines that are not Rust.
 #![allow(clippy::print_stdout)]
 
-#[path = "../tests/common/mod.rs"]
-mod common;
-#[path = "../validation/tools.rs"]
-mod tools;
-
-use physics::Level;
+use peers::{Cone, JOINTS, Mujoco, Ode, PeerError, Report, TICKS, Track, Workplace, ours};
 use physics::mjcf::Servo;
-use tools::{Bench, JOINTS, Report, TICKS, Track, median};
+use physics::{Level, Params, Trial};
+use std::path::{Path, PathBuf};
 
 /// Samples at 20 Hz of the instants that the tables compare, s.
 const INSTANTS_S: [f64; 5] = [0.5, 1.0, 2.0, 10.0, 30.0];
@@ -105,70 +101,132 @@ fn heading(reference: &str) {
     println!("|---|---|---|---|---|---|---|---|---|---|---|---|");
 }
 
-fn main() {
-    let count = std::env::args()
-        .nth(1)
-        .and_then(|a| a.parse().ok())
-        .unwrap_or(60);
-    let coarse = std::env::args().nth(2).is_some_and(|a| a == "coarse");
-    let params = tools::params();
-    let trials = tools::trials(&params, count);
-    let bench = Bench::new("validate", &params, &trials);
-    println!(
-        "{count} random gaits, amplitude 0.5 to 1.2 rad, offset up to 0.5 rad, 0.2 Hz, friction 1, no bounce, 30 s, start at home."
-    );
-    let finest = if coarse { 0.001 } else { 0.0005 };
-    let mut engines: Vec<(String, Report)> = Vec::new();
+/// Middle value.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    if values.is_empty() {
+        f64::NAN
+    } else {
+        values[values.len() / 2]
+    }
+}
+
+/// An engine in one setting and what it did.
+type Run = (String, Report);
+
+fn our_runs(trials: &[Trial], finest: f64) -> Vec<Run> {
+    let mut runs = Vec::new();
     for (h, sweeps) in [
         (0.0005, 50),
         (0.001, 12),
         (0.002, 12),
         (0.004, 12),
         (0.008, 12),
+        (0.004, 4),
+        (0.004, 8),
+        (0.004, 30),
+        (0.004, 100),
     ] {
         if h >= finest {
-            let (report, _) = tools::ours(Level::Reference, &trials, h, sweeps);
-            engines.push((format!("ours f64, {} ms, {sweeps} sweeps", h * 1e3), report));
+            let report = ours(Level::Reference, trials, h, sweeps);
+            runs.push((format!("ours f64, {} ms, {sweeps} sweeps", h * 1e3), report));
         }
     }
-    for sweeps in [4, 8, 30, 100] {
-        let (report, _) = tools::ours(Level::Reference, &trials, 0.004, sweeps);
-        engines.push((format!("ours f64, 4 ms, {sweeps} sweeps"), report));
-    }
-    let (report, _) = tools::ours(Level::detect(), &trials, 0.004, 12);
-    engines.push(("ours f32 lanes, 4 ms, 12 sweeps".to_owned(), report));
+    let report = ours(Level::detect(), trials, 0.004, 12);
+    runs.push(("ours f32 lanes, 4 ms, 12 sweeps".to_owned(), report));
+    runs
+}
+
+fn ode_runs(place: &Workplace, finest: f64) -> Result<Vec<Run>, PeerError> {
+    let ode = Ode::build(place)?;
+    let mut runs = Vec::new();
     for (h, stepper) in [
         (0.0005, "step"),
         (0.001, "step"),
         (0.002, "quick"),
         (0.004, "step"),
     ] {
-        if h >= finest
-            && let Some(report) = bench.run_ode(h, stepper)
-        {
-            engines.push((format!("ODE {stepper}, {} ms", h * 1e3), report));
+        if h >= finest {
+            runs.push((
+                format!("ODE {stepper}, {} ms", h * 1e3),
+                ode.run(h, stepper)?,
+            ));
         }
     }
+    Ok(runs)
+}
+
+fn mujoco_runs(place: &Workplace, target: &Path, finest: f64) -> Result<Vec<Run>, PeerError> {
+    let package = peers::mujoco_package(&target.join("venv")).unwrap_or_default();
+    let mujoco = Mujoco::build(place, &package)?;
+    let mut runs = Vec::new();
     for h in [0.0005, 0.001, 0.002, 0.004] {
-        if h >= finest
-            && let Some(report) = bench.run_mujoco(h, Servo::Constraint)
-        {
-            engines.push((format!("MuJoCo, {} ms", h * 1e3), report));
+        if h >= finest {
+            let report = mujoco.run(h, Servo::Constraint, Cone::Elliptic)?;
+            runs.push((format!("MuJoCo, {} ms", h * 1e3), report));
         }
     }
+    Ok(runs)
+}
+
+#[cfg(feature = "rapier")]
+fn rapier_runs(params: &Params, trials: &[Trial], finest: f64) -> Vec<Run> {
+    let steps = [0.0005, 0.001, 0.004].into_iter().filter(|h| *h >= finest);
+    steps
+        .map(|h| {
+            let report = peers::rapier::run(params, trials, h);
+            let figures = &report.figures;
+            eprintln!("Rapier {} ms: {figures:?}", h * 1e3);
+            (format!("Rapier, {} ms", h * 1e3), report)
+        })
+        .collect()
+}
+
+#[cfg(not(feature = "rapier"))]
+fn rapier_runs(_: &Params, _: &[Trial], _: f64) -> Vec<Run> {
+    eprintln!("Rapier LEFT OUT: build with --features rapier");
+    Vec::new()
+}
+
+fn main() -> Result<(), PeerError> {
+    let count = std::env::args()
+        .nth(1)
+        .and_then(|a| a.parse().ok())
+        .unwrap_or(60);
+    let coarse = std::env::args().nth(2).is_some_and(|a| a == "coarse");
+    let params = peers::bounceless();
+    let trials = peers::clear_trials(&params, count);
+    let target = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../target");
+    let place = Workplace::new(target.join("validation"), &params, &trials)?;
+    println!(
+        "{count} random gaits, amplitude 0.5 to 1.2 rad, offset up to 0.5 rad, 0.2 Hz, friction 1, no bounce, 30 s, start at home."
+    );
+    let finest = if coarse { 0.001 } else { 0.0005 };
+    let mut engines = our_runs(&trials, finest);
+    for foreign in [
+        ode_runs(&place, finest),
+        mujoco_runs(&place, &target, finest),
+    ] {
+        match foreign {
+            Ok(runs) => engines.extend(runs),
+            Err(error) => eprintln!("LEFT OUT: {error}"),
+        }
+    }
+    engines.extend(rapier_runs(&params, &trials, finest));
     let finest_ms = finest * 1e3;
     let sweeps = if coarse { 12 } else { 50 };
-    let references = [
+    for name in [
         format!("ODE step, {finest_ms} ms"),
         format!("MuJoCo, {finest_ms} ms"),
+        format!("Rapier, {finest_ms} ms"),
         format!("ours f64, {finest_ms} ms, {sweeps} sweeps"),
-    ];
-    for name in &references {
-        if let Some((_, reference)) = engines.iter().find(|(n, _)| n == name) {
-            heading(name);
-            for (n, report) in engines.iter().filter(|(n, _)| n != name) {
+    ] {
+        if let Some((_, reference)) = engines.iter().find(|(n, _)| *n == name) {
+            heading(&name);
+            for (n, report) in engines.iter().filter(|(n, _)| *n != name) {
                 row(n, report, reference);
             }
         }
     }
+    Ok(())
 }
