@@ -8,6 +8,7 @@ use std::path::Path;
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 
+pub mod bench;
 pub mod bus;
 pub mod completions;
 pub mod config;
@@ -20,6 +21,7 @@ pub mod info;
 pub mod list;
 pub mod log;
 pub mod man;
+pub mod model;
 pub mod monitor;
 pub mod optimise;
 pub mod rec;
@@ -77,7 +79,9 @@ commands! {
     Rec => rec,
     Sim => sim,
     Optimise => optimise,
+    Model => model,
     Gap => gap,
+    Bench => bench,
     Completions => completions,
     Man => man,
     Config => config,

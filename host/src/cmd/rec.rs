@@ -8,7 +8,7 @@ use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::plot;
 use crate::recording::check::{self, Severity};
-use crate::recording::{Recording, csv, dataset, read};
+use crate::recording::{Recording, csv, dataset, folder, read};
 
 /// Look into recordings, check them, convert them, draw them
 #[derive(Debug, clap::Args)]
@@ -24,9 +24,9 @@ enum Action {
         /// Recording
         file: PathBuf,
     },
-    /// Check a recording: damage, gaps, set-points of the attached gait. Exit 8 when something is wrong
+    /// Check a recording (damage, gaps, set-points of the attached gait) or a data set folder (every file it names). Exit 8 when something is wrong
     Check {
-        /// Recordings
+        /// Recordings, or folders with a dataset.toml
         #[arg(required = true)]
         files: Vec<PathBuf>,
     },
@@ -207,6 +207,10 @@ fn info_words(recording: &Recording) -> String {
 fn check_all(context: &Context, paths: &[PathBuf]) -> Outcome {
     let mut problems = 0;
     for path in paths {
+        if path.is_dir() {
+            problems += check_folder(context, path);
+            continue;
+        }
         let recording = read(path).map_err(|e| Failure::new(Exit::BadFile, e))?;
         let gait = recording
             .text("gait.toml")
@@ -243,6 +247,34 @@ fn check_all(context: &Context, paths: &[PathBuf]) -> Outcome {
         0 => Ok(()),
         n => Err(Failure::say(Exit::Check, format!("{n} problems"))),
     }
+}
+
+/// Problems in a data set folder.
+fn check_folder(context: &Context, path: &Path) -> usize {
+    let report = folder::check(path);
+    let row = |problem: bool| move |text: &String| json!({ "problem": problem, "run": null, "text": text });
+    let rows: Vec<Value> = (report.problems.iter().map(row(true)))
+        .chain(report.notes.iter().map(row(false)))
+        .collect();
+    let value = json!({ "file": path, "runs": report.runs, "rows": report.rows, "findings": rows });
+    context.out.result("rb.rec_check/1", value, || {
+        let mut out = format!(
+            "{}: {} runs, {} rows",
+            path.display(),
+            report.runs,
+            report.rows
+        );
+        let lines = (report.problems.iter().map(|t| ("PROBLEM", t)))
+            .chain(report.notes.iter().map(|t| ("note", t)));
+        for (word, text) in lines {
+            out.push_str(&format!("\n  {word}: {text}"));
+        }
+        if report.problems.is_empty() && report.notes.is_empty() {
+            out.push_str(", whole");
+        }
+        out
+    });
+    report.problems.len()
 }
 
 fn cat(context: &Context, path: &Path, only: Option<u32>, events: bool) -> Outcome {

@@ -2,13 +2,15 @@
 //!
 //! [`Recorder`] appends whole chunks and flushes each to the disk, so a file cut by a power failure is complete up to its
 //! last chunk. [`read`] keeps every record before a damaged place and says where the damage is. [`csv`] and [`dataset`]
-//! write the columns and the folder of the data set format; [`check`] compares a recording with itself and the law.
+//! write the columns and the folder of the data set format; [`check`] compares a recording with itself and the law,
+//! [`folder`] reads a data set folder as others will.
 
 pub mod cdr;
 pub mod check;
 pub mod csv;
 pub mod dataset;
 mod decode;
+pub mod folder;
 mod reader;
 pub mod rows;
 mod scan;

@@ -7,7 +7,7 @@ use protocol::link::{FromModule, Header, MAX_FRAME, encode};
 
 use crate::rig::{Emulator, Folder, command, finish, gait, rb};
 
-const COMMANDS: [&str; 20] = [
+const COMMANDS: [&str; 25] = [
     "list",
     "info",
     "doctor",
@@ -24,6 +24,11 @@ const COMMANDS: [&str; 20] = [
     "gait",
     "emulate",
     "rec",
+    "sim",
+    "optimise",
+    "model",
+    "gap",
+    "bench",
     "completions",
     "man",
     "config",
@@ -325,4 +330,29 @@ fn a_full_disk_is_told_and_the_robot_stopped() {
     )
     .expect(1);
     assert!(done.err.contains("cannot write /dev/full"), "{}", done.err);
+}
+
+#[test]
+fn bench_measures_every_level_of_this_processor() {
+    let folder = Folder::new("bench");
+    let args = ["bench", "--trials", "2", "--json"];
+    let done = rb(&folder, &[&args[..], &["--alone"]].concat()).expect(0);
+    let value = done.json();
+    let tables = value["tables"].as_array().unwrap();
+    assert_eq!(tables.len(), 2);
+    for table in tables {
+        let rows = table["rows"].as_array().unwrap();
+        assert!(rows.len() >= 2, "{rows:?}");
+        for row in rows {
+            assert!(row["simulated_s_per_s"].as_f64().unwrap() > 1.0, "{row}");
+            let tracking_rad = row["tracking_rms_rad"].as_f64().unwrap();
+            assert!((0.05..0.2).contains(&tracking_rad), "{row}");
+            assert!(row["penetration_worst_mm"].as_f64().unwrap() < 5.0, "{row}");
+            assert!(row["ratio_to_mujoco"].is_null());
+        }
+    }
+    let shares = value["profile"].as_array().unwrap();
+    let sum: f64 = shares.iter().map(|s| s["share"].as_f64().unwrap()).sum();
+    assert!((sum - 1.0).abs() < 1e-9, "{sum}");
+    assert_eq!(shares.len(), 8);
 }
