@@ -7,9 +7,10 @@
 
 use std::sync::Arc;
 
-use physics::{Imu, JointDrive, Options, Params, Pose, RunError};
+use physics::{Imu, JointDrive, Options, Params, Pose, RunError, Twist};
 
-use crate::body::{Body, LinkState};
+use crate::body::{Body, Disturbance, LinkState, Load};
+use crate::lab::Lab;
 use crate::motor::LinkDrive;
 use crate::world::WorldParams;
 
@@ -18,6 +19,19 @@ pub struct Ground {
     body: physics::Body,
     step_s: f64,
     links: Vec<LinkState>,
+    disturbances: Vec<Disturbance>,
+    lab: Option<Lab>,
+}
+
+/// Where the robot is put down, at home, lying on the ground.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Place {
+    /// Body 3 [m].
+    pub x_m: f64,
+    /// Body 3 [m].
+    pub y_m: f64,
+    /// Turn about the vertical [rad].
+    pub yaw_rad: f64,
 }
 
 /// Share of a step's load that is taken over for the prediction. Chosen: three steps, so that one contact's blow does
@@ -52,7 +66,50 @@ impl Ground {
             body,
             step_s: options.time_step_s,
             links,
+            disturbances: Vec::new(),
+            lab: None,
         })
+    }
+
+    /// Puts the robot down at `place`, before its first step.
+    ///
+    /// # Errors
+    /// None that a robot of the right number of joints meets.
+    pub fn put_down(&mut self, place: &Place) -> Result<(), RunError> {
+        let half = 0.5 * place.yaw_rad;
+        let [_, _, z_m] = self.body.base().position_m;
+        let base = Pose {
+            position_m: [place.x_m as f32, place.y_m as f32, z_m],
+            quaternion: [libm::cos(half) as f32, 0.0, 0.0, libm::sin(half) as f32],
+        };
+        let still = Twist {
+            linear_m_s: [0.0; 3],
+            angular_rad_s: [0.0; 3],
+        };
+        let zeros = vec![0.0; self.links.len()];
+        self.body.place(&base, &still, &zeros, &zeros)
+    }
+
+    /// Lets a random torque act on every joint: why repeats differ.
+    pub fn disturb(&mut self, sigma_nm: &[f64], seed: u64) {
+        let each = sigma_nm.iter().enumerate();
+        self.disturbances = if sigma_nm.iter().any(|sigma| *sigma > 0.0) {
+            each.map(|(joint, sigma)| Disturbance::new(*sigma, seed, joint))
+                .collect()
+        } else {
+            Vec::new()
+        };
+    }
+
+    /// Sets instruments up beside the robot.
+    pub fn watch(&mut self, lab: Lab) {
+        self.lab = Some(lab);
+    }
+
+    /// The instruments and what they have seen.
+    #[must_use]
+    pub fn lab(&self) -> Option<&Lab> {
+        self.lab.as_ref()
     }
 
     /// Makes a world call this body once per time step of the body.
@@ -82,13 +139,26 @@ impl Ground {
         for (joint, drive) in drives.iter().enumerate() {
             self.body.set_armature(joint, drive.armature_kg_m2);
         }
-        let orders: Vec<_> = drives
+        let mut orders: Vec<_> = drives
             .iter()
             .map(|drive| JointDrive::Torque {
                 nm: drive.torque_nm,
             })
             .collect();
+        let now_s = self.body.time_s();
+        for ((order, disturbance), link) in orders
+            .iter_mut()
+            .zip(&mut self.disturbances)
+            .zip(&self.links)
+        {
+            if let JointDrive::Torque { nm } = order {
+                *nm += disturbance.torque_nm(now_s, link.angle_rad, link.velocity_rad_s);
+            }
+        }
         self.body.step(&orders);
+        if let Some(lab) = &mut self.lab {
+            lab.look(self.body.time_s(), &self.body);
+        }
         let measured = self
             .body
             .angles_rad()

@@ -1,7 +1,8 @@
 //! Emulated motor drivers, bus and robot: reality for every test without hardware.
 //!
 //! - [`motor`]: one geared joint (motor, gear, friction, play, heat); [`body`]: what the joints carry
-//! - [`ground`]: the whole robot on the ground behind the joints
+//! - [`ground`]: the whole robot on the ground behind the joints; [`lab`]: camera, tracker and inertial sensor that watch it
+//! - [`drawn`]: robots drawn at random inside the ranges of the paper's Table II
 //! - [`driver`]: registers and the 1 kHz loop of one motor driver
 //! - [`fault`]: seeded faults; [`effects`]: effects by their shared names
 //! - [`scenario`]: all of it from a file
@@ -22,11 +23,13 @@ pub mod bench_cases;
 pub mod board;
 pub mod body;
 pub mod bus;
+pub mod drawn;
 pub mod driver;
 pub mod effects;
 pub mod endpoint;
 pub mod fault;
 pub mod ground;
+pub mod lab;
 pub mod motor;
 pub mod pace;
 pub mod plant;

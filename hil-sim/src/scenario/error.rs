@@ -79,6 +79,21 @@ pub enum ScenarioProblem {
         /// Words that exist.
         known: String,
     },
+    /// A table that only the robot on the ground has.
+    #[error("[{table}] needs the whole robot: write `body = \"ground\"`")]
+    NeedsGround {
+        /// Table.
+        table: &'static str,
+    },
+    /// A key that only the robot on the ground has.
+    #[error("`{key}` needs the whole robot: write `body = \"ground\"`")]
+    KeyNeedsGround {
+        /// Key.
+        key: &'static str,
+    },
+    /// A camera that cannot exist.
+    #[error(transparent)]
+    View(camera::ViewError),
     /// A window that ends before it begins.
     #[error("to_s must be later than from_s")]
     EmptyWindow,

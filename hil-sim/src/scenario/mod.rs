@@ -3,6 +3,7 @@
 //! Pure: the caller reads the file.
 
 mod error;
+mod lab;
 mod reader;
 
 use std::sync::Arc;
@@ -12,12 +13,16 @@ use thiserror::Error;
 use toml::de::DeTable;
 
 pub use error::{ScenarioError, ScenarioProblem};
+pub use lab::StartParams;
 use reader::{Source, Table};
 
+use crate::drawn;
 use crate::effects;
 use crate::fault::{Fault, FaultKind};
-use crate::ground::Ground;
+use crate::ground::{Ground, Place};
+use crate::lab::{Lab, LabParams};
 use crate::motor::{JointKind, JointParams, ParamError};
+use crate::rng::Rng;
 use crate::world::{World, WorldParams};
 
 /// A scenario ready to be run.
@@ -29,6 +34,16 @@ pub struct Scenario {
     pub world: WorldParams,
     /// What the joints carry.
     pub body: BodyKind,
+    /// File of the body's model as the scenario names it; the caller reads it into [`Self::model`].
+    pub model_file: Option<String>,
+    /// Model of the body on the ground; the shipped one until the caller replaces it.
+    pub model: Model,
+    /// Whether the motors are those of the model ([`drawn::motors_of`]).
+    pub motors_of_model: bool,
+    /// Where the robot on the ground is put down.
+    pub start: StartParams,
+    /// What watches the robot on the ground.
+    pub lab: LabParams,
 }
 
 /// What the joints carry.
@@ -36,7 +51,7 @@ pub struct Scenario {
 pub enum BodyKind {
     /// Each joint its own load, in the air ([`World::on_stand`]).
     Stand,
-    /// The whole robot of the shipped model, lying on the ground at home ([`Ground`]).
+    /// The whole robot, lying on the ground at home ([`Ground`]).
     Ground,
 }
 
@@ -67,22 +82,73 @@ impl Scenario {
         if self.body == BodyKind::Stand {
             return Ok(World::on_stand(&self.world)?);
         }
-        let params = Arc::new(physics::Params::try_from(&Model::hand_tuned())?);
+        let params = Arc::new(physics::Params::try_from(&self.model)?);
         let options = physics::Options {
             time_step_s: GROUND_STEP_S,
             ..physics::Options::default()
         };
-        let ground = Ground::new(params, &options)?;
-        let mut world = self.world.clone();
+        let mut ground = Ground::new(params, &options)?;
+        let mut world = self.motors();
+        ground.put_down(&self.place())?;
+        let loads = world.joints.iter();
+        let sigma_nm: Vec<f64> = loads.map(|joint| joint.load.disturbance_nm).collect();
+        ground.disturb(&sigma_nm, world.seed);
+        if !self.lab.is_empty() {
+            ground.watch(Lab::new(self.lab, world.seed));
+        }
         ground.suit(&mut world);
         Ok(World::new(&world, Box::new(ground))?)
     }
+
+    /// The motors as they will be built.
+    #[must_use]
+    pub fn motors(&self) -> WorldParams {
+        let mut world = self.world.clone();
+        if self.motors_of_model {
+            drawn::motors_of(&self.model, &mut world);
+        }
+        world
+    }
+
+    /// The scenario with other chance, for a repeat; `repeat` 0 is the scenario itself.
+    #[must_use]
+    pub fn repeat(mut self, repeat: u64) -> Self {
+        // Streams are named by a hash of the seed, so near seeds share nothing.
+        self.world.seed = self.world.seed.wrapping_add(repeat);
+        self
+    }
+
+    /// Where this seed puts the robot down.
+    fn place(&self) -> Place {
+        let StartParams {
+            place,
+            sigma_m,
+            sigma_rad,
+        } = self.start;
+        let mut rng = Rng::new(self.world.seed, PURPOSE_PLACE, 0);
+        let [x, y, yaw] = [sigma_m, sigma_m, sigma_rad].map(|sigma| sigma * rng.normal());
+        Place {
+            x_m: place.x_m + x,
+            y_m: place.y_m + y,
+            yaw_rad: place.yaw_rad + yaw,
+        }
+    }
 }
+
+/// Stream number of the place where the robot is put down.
+const PURPOSE_PLACE: u64 = 0xD4;
 
 /// Longest file. Chosen: a thousand times what a scenario needs.
 const MAX_BYTES: usize = 1 << 20;
 /// The only format so far.
 const FORMAT: u64 = 1;
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Motor {
+    Catalogue,
+    Neutral,
+    Model,
+}
 
 #[derive(Clone, Copy)]
 enum Robot {
@@ -123,8 +189,17 @@ pub fn parse(file: &str, text: &str) -> Result<Scenario, ScenarioError> {
         .text("name")?
         .map_or_else(String::new, |(name, _)| name.to_owned());
     let seed = top.whole("seed", u64::MAX)?.unwrap_or(1);
-    let mut world = motors(&mut top, seed)?;
+    let (mut world, motors_of_model) = motors(&mut top, seed)?;
     let body = body(&mut top, world.joints.len())?;
+    let on_ground = body == BodyKind::Ground;
+    let model_file = model_file(&mut top, on_ground)?;
+    if motors_of_model && !on_ground {
+        let problem = ScenarioProblem::KeyNeedsGround {
+            key: "motor = \"model\"",
+        };
+        return Err(source.error(0, problem));
+    }
+    let (start, lab) = lab::read(&mut top, on_ground)?;
     bus(&mut top, &mut world)?;
     stand(&mut top, &mut world)?;
     drivers(&mut top, &mut world)?;
@@ -143,23 +218,45 @@ pub fn parse(file: &str, text: &str) -> Result<Scenario, ScenarioError> {
             .validate()
             .map_err(|error| source.error(0, error.into()))?;
     }
-    Ok(Scenario { name, world, body })
+    Ok(Scenario {
+        name,
+        world,
+        body,
+        model_file,
+        model: Model::hand_tuned(),
+        motors_of_model,
+        start,
+        lab,
+    })
 }
 
-fn motors(top: &mut Table<'_>, seed: u64) -> Result<WorldParams, ScenarioError> {
+/// The body's model file.
+fn model_file(top: &mut Table<'_>, on_ground: bool) -> Result<Option<String>, ScenarioError> {
+    let Some((file, start)) = top.text("model")? else {
+        return Ok(None);
+    };
+    if !on_ground {
+        return Err(top.error(start, ScenarioProblem::KeyNeedsGround { key: "model" }));
+    }
+    Ok(Some(file.to_owned()))
+}
+
+/// The motors, and whether the model is to make them over.
+fn motors(top: &mut Table<'_>, seed: u64) -> Result<(WorldParams, bool), ScenarioError> {
     let robot = top.word(
         "robot",
         &[("metamodule", Robot::Metamodule), ("bench", Robot::Bench)],
     )?;
-    let make: fn(JointKind) -> JointParams = top
-        .word("motor", &[("catalogue", false), ("neutral", true)])?
-        .map_or(JointKind::catalogue_joint as _, |neutral| {
-            if neutral {
-                JointKind::neutral as _
-            } else {
-                JointKind::catalogue_joint as _
-            }
-        });
+    let words = [
+        ("catalogue", Motor::Catalogue),
+        ("neutral", Motor::Neutral),
+        ("model", Motor::Model),
+    ];
+    let motor = top.word("motor", &words)?.unwrap_or(Motor::Catalogue);
+    let make: fn(JointKind) -> JointParams = match motor {
+        Motor::Catalogue | Motor::Model => JointKind::catalogue_joint,
+        Motor::Neutral => JointKind::neutral,
+    };
     let kind = top.word(
         "kind",
         &[("intra", JointKind::Intra), ("inter", JointKind::Inter)],
@@ -171,7 +268,7 @@ fn motors(top: &mut Table<'_>, seed: u64) -> Result<WorldParams, ScenarioError> 
     if let Some(step_us) = top.number("step_us", 1.0, 1_000.0)? {
         world.step_ns = (step_us * 1e3) as u64;
     }
-    Ok(world)
+    Ok((world, motor == Motor::Model))
 }
 
 fn body(top: &mut Table<'_>, joints: usize) -> Result<BodyKind, ScenarioError> {
