@@ -2,13 +2,14 @@
 //!
 //! Two ways lead to a [`Silhouette`]: [`View::render`] projects convex solids at given poses as the virtual camera sees
 //! them, and [`depth`] cuts the robot out of measured depth frames. [`similarity`] compares the two by the paper's
-//! equations (6) to (8), [`picture`] draws them. Nothing here opens files: bytes in, bytes out.
+//! equations (6) to (8), [`picture`] draws them, [`sync`] lays a film on the clock of the robot. Nothing here opens files: bytes in, bytes out.
 
 pub mod depth;
 pub mod picture;
 mod silhouette;
 pub mod similarity;
 mod solid;
+pub mod sync;
 mod view;
 
 pub use silhouette::Silhouette;
