@@ -48,27 +48,47 @@ impl Travel {
         Some((self.points.first()?.0, self.points.last()?.0))
     }
 
-    /// When the first motion begins, s: the first step that is no rest, seen in steps of [`EDGE_STEP_S`].
-    fn edge_s(&self) -> Option<f64> {
-        let (from_s, to_s) = self.span_s()?;
+    /// Way in each step of [`EDGE_STEP_S`], from the first instant on.
+    fn steps(&self) -> Vec<f64> {
+        let Some((from_s, to_s)) = self.span_s() else {
+            return Vec::new();
+        };
         let count = ((to_s - from_s) / EDGE_STEP_S) as usize;
         let step = |k: usize| {
             let t_s = from_s + k as f64 * EDGE_STEP_S;
             self.at(t_s + EDGE_STEP_S) - self.at(t_s)
         };
-        let mut steps: Vec<f64> = (0..count).map(step).collect();
-        steps.sort_by(f64::total_cmp);
-        let busy = *steps.get((count as f64 * BUSY_QUANTILE) as usize)?;
-        let edge = (0..count).find(|k| step(*k) > EDGE_SHARE * busy)?;
-        (busy > 0.0).then_some(from_s + edge as f64 * EDGE_STEP_S)
+        (0..count).map(step).collect()
+    }
+
+    /// The pace of what moves: the median of the steps that are no rest, per second; `None` when nothing moves. A fall or a
+    /// flicker does not change it.
+    fn pace_per_s(&self) -> Option<f64> {
+        let steps = self.steps();
+        let most = steps.iter().copied().fold(0.0, f64::max);
+        let mut moving: Vec<f64> = steps
+            .into_iter()
+            .filter(|step| *step > REST_SHARE * most)
+            .collect();
+        moving.sort_by(f64::total_cmp);
+        let median = *moving.get(moving.len() / 2)?;
+        (median > 0.0).then_some(median / EDGE_STEP_S)
+    }
+
+    /// When the first motion begins, s: the first step that is no rest.
+    fn edge_s(&self, pace_per_s: f64) -> Option<f64> {
+        let (from_s, _) = self.span_s()?;
+        let least = EDGE_SHARE * pace_per_s * EDGE_STEP_S;
+        let edge = self.steps().iter().position(|step| *step > least)?;
+        Some(from_s + edge as f64 * EDGE_STEP_S)
     }
 }
 
 /// Steps in which the edge is looked for, s: the period of the robot's telemetry, longer than a frame.
 const EDGE_STEP_S: f64 = 0.05;
-/// The pace of a moving robot: this quantile of all steps.
-const BUSY_QUANTILE: f64 = 0.8;
-/// A step above this share of that pace is motion. Chosen: far above what pixels flicker at rest, a few frames into a move.
+/// Steps below this share of the largest one are rest.
+const REST_SHARE: f64 = 0.01;
+/// A step above this share of the pace is motion. Chosen: far above what pixels flicker at rest, a frame or two into a move.
 const EDGE_SHARE: f64 = 0.25;
 /// The camera must have seen the robot rest this long before it moved, s.
 pub const REST_S: f64 = 0.4;
@@ -76,8 +96,9 @@ pub const REST_S: f64 = 0.4;
 const REACH_S: f64 = 1.0;
 /// Grid of the search, s: an eighth of a frame at 30 Hz.
 const GRID_S: f64 = 1.0 / 240.0;
-/// Motion compared from before the edge to this long after it, s: the way to the start pose and the first swing of a 0.2 Hz gait.
-const WINDOW_S: (f64, f64) = (0.5, 8.0);
+/// Motion compared from before the edge to this long after it, s: the beginning of the way to the start pose. Later the
+/// robot may fall over, which the film shows and the joints do not.
+const WINDOW_S: (f64, f64) = (0.5, 1.5);
 /// Curves less alike than this are not of the same run.
 pub const LEAST_CORRELATION: f64 = 0.5;
 
@@ -127,8 +148,10 @@ pub enum SyncError {
 /// # Errors
 /// [`SyncError`]
 pub fn align(film: &Travel, robot: &Travel) -> Result<Alignment, SyncError> {
-    let edge_s = film.edge_s().ok_or(SyncError::FilmAtRest)?;
-    let robot_edge_s = robot.edge_s().ok_or(SyncError::RobotAtRest)?;
+    let film_pace = film.pace_per_s().ok_or(SyncError::FilmAtRest)?;
+    let robot_pace = robot.pace_per_s().ok_or(SyncError::RobotAtRest)?;
+    let edge_s = film.edge_s(film_pace).ok_or(SyncError::FilmAtRest)?;
+    let robot_edge_s = robot.edge_s(robot_pace).ok_or(SyncError::RobotAtRest)?;
     let (from_s, _) = film.span_s().ok_or(SyncError::FilmAtRest)?;
     let rest_s = edge_s - from_s;
     if rest_s < REST_S {
@@ -143,9 +166,14 @@ pub fn align(film: &Travel, robot: &Travel) -> Result<Alignment, SyncError> {
         .filter(|(a_s, b_s, _)| *a_s >= edge_s - before_s && *b_s <= edge_s + after_s)
         .collect();
     let likeness = |offset_s: f64| {
-        let pairs = intervals
-            .iter()
-            .map(|(a_s, b_s, seen)| (*seen, robot.at(b_s + offset_s) - robot.at(a_s + offset_s)));
+        let pairs = intervals.iter().map(|(a_s, b_s, seen)| {
+            let went = robot.at(b_s + offset_s) - robot.at(a_s + offset_s);
+            let length_s = b_s - a_s;
+            (
+                saturated(*seen, film_pace * length_s),
+                saturated(went, robot_pace * length_s),
+            )
+        });
         correlation(pairs)
     };
     let count = (REACH_S / GRID_S) as i32;
@@ -174,6 +202,11 @@ pub fn align(film: &Travel, robot: &Travel) -> Result<Alignment, SyncError> {
         correlation: best.1,
         rest_s,
     })
+}
+
+/// A way as a share of itself and the usual one: how fast counts less than whether.
+fn saturated(way: f64, usual: f64) -> f64 {
+    way / (way + usual)
 }
 
 /// Pearson's correlation; 0 when either side does not vary.

@@ -6,7 +6,7 @@
 
 use std::collections::VecDeque;
 
-use camera::{Silhouette, Solid, View};
+use camera::{Silhouette, Solid, View, ViewError};
 use control::kinematics;
 use control::linalg::{Pose, Rot3, Vec3};
 use control::robot::{JOINTS, RobotModel};
@@ -31,13 +31,55 @@ impl Default for ClockParams {
     }
 }
 
+/// Place and optics of an overhead depth camera that looks straight down.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct CameraSetup {
+    /// Height over the ground [m].
+    pub height_m: f64,
+    /// Place over the ground [m].
+    pub x_m: f64,
+    /// Place over the ground [m].
+    pub y_m: f64,
+    /// Turn about the vertical [rad].
+    pub yaw_rad: f64,
+    /// Frame [px].
+    pub width_px: usize,
+    /// Frame [px].
+    pub height_px: usize,
+    /// Focal length [px].
+    pub focal_px: f64,
+    /// Frames per second of its own clock.
+    pub rate_hz: f64,
+}
+
 /// An overhead depth camera whose frames are cut down to silhouettes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraParams {
-    /// Optics and place.
-    pub view: View,
-    /// Frames per second of its own clock.
-    pub rate_hz: f64,
+    setup: CameraSetup,
+    view: View,
+}
+
+impl CameraParams {
+    /// Place and optics.
+    #[must_use]
+    pub fn setup(&self) -> &CameraSetup {
+        &self.setup
+    }
+}
+
+impl TryFrom<CameraSetup> for CameraParams {
+    type Error = ViewError;
+
+    fn try_from(setup: CameraSetup) -> Result<Self, ViewError> {
+        let view = View::new(
+            setup.height_m as f32,
+            (setup.x_m as f32, setup.y_m as f32),
+            setup.yaw_rad as f32,
+            (setup.width_px, setup.height_px),
+            setup.focal_px as f32,
+        )?;
+        Ok(Self { setup, view })
+    }
 }
 
 /// A tracker of the base pose, on the camera's clock.
@@ -169,7 +211,7 @@ impl Lab {
     pub fn new(params: LabParams, seed: u64) -> Self {
         let ahead_s = params.clock.ahead_s;
         Self {
-            frames: Series::new(params.camera.map_or(0.0, |c| c.rate_hz), ahead_s),
+            frames: Series::new(params.camera.map_or(0.0, |c| c.setup.rate_hz), ahead_s),
             poses: Series::new(params.tracker.map_or(0.0, |t| t.rate_hz), ahead_s),
             readings: Series::new(params.imu.map_or(0.0, |i| i.rate_hz), 0.0),
             params,

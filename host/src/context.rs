@@ -10,7 +10,7 @@ use crate::failure::{Exit, Failure, Outcome};
 use crate::interrupt;
 use crate::link::find::{self, Candidate};
 use crate::link::keys::KeyStore;
-use crate::link::{self, LinkError, PortUri, Robot};
+use crate::link::{self, Link, LinkError, PortUri, Robot};
 use crate::output::{Level, Output};
 use crate::settings::{self, Key, Settings};
 
@@ -149,7 +149,15 @@ impl Context {
     /// # Errors
     /// Exit codes 4, 5, 6.
     pub fn connect_to(&self, uri: &PortUri) -> Outcome<Robot> {
-        let link = link::open(uri, self.baud())?;
+        self.connect_over(link::open(uri, self.baud())?)
+    }
+
+    /// Says HELLO over an open link.
+    ///
+    /// # Errors
+    /// Exit codes 5, 6.
+    pub fn connect_over(&self, link: Box<dyn Link>) -> Outcome<Robot> {
+        let uri = link.uri().clone();
         let mut robot = Robot::connect(link, self.timeout(), &self.keys())?;
         if uri.is_sim() {
             home_the_emulated(&mut robot)?;

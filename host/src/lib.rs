@@ -26,6 +26,7 @@ pub mod recording;
 pub mod runner;
 pub mod searching;
 pub mod settings;
+pub mod takes;
 pub mod upload;
 
 use cli::Cli;

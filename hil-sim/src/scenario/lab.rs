@@ -1,11 +1,9 @@
 //! The tables of a scenario that belong to the robot on the ground: where it starts and what watches it.
 
-use camera::View;
-
 use super::error::{ScenarioError, ScenarioProblem};
 use super::reader::Table;
 use crate::ground::Place;
-use crate::lab::{CameraParams, ClockParams, ImuParams, LabParams, TrackerParams};
+use crate::lab::{CameraParams, CameraSetup, ClockParams, ImuParams, LabParams, TrackerParams};
 
 /// Where the robot is put down, and how well.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -18,10 +16,17 @@ pub struct StartParams {
     pub sigma_rad: f64,
 }
 
-/// Frame and focal length of the Kinect's depth image: 640 x 480, 57 degrees across; 30 frames per second.
-const KINECT: ((usize, usize), f32, f64) = ((640, 480), 580.0, 30.0);
-/// Middle of Table II's range of the camera height [m].
-const HEIGHT_M: f64 = 2.25;
+/// The Kinect's depth image, 640 x 480 and 57 degrees across, over the middle; at the middle of Table II's range of heights.
+const KINECT: CameraSetup = CameraSetup {
+    height_m: 2.25,
+    x_m: 0.0,
+    y_m: 0.0,
+    yaw_rad: 0.0,
+    width_px: 640,
+    height_px: 480,
+    focal_px: 580.0,
+    rate_hz: 30.0,
+};
 /// Chosen: what marker trackers reach over a few metres.
 const TRACKER: TrackerParams = TrackerParams {
     rate_hz: 30.0,
@@ -84,32 +89,29 @@ fn start(mut table: Table<'_>) -> Result<StartParams, ScenarioError> {
 }
 
 fn camera(mut table: Table<'_>) -> Result<(CameraParams, ClockParams), ScenarioError> {
-    let ((width, height), focal, rate) = KINECT;
-    let height_m = table.number("height_m", 0.5, 10.0)?.unwrap_or(HEIGHT_M);
-    let x_m = table.number("x_m", -10.0, 10.0)?.unwrap_or(0.0);
-    let y_m = table.number("y_m", -10.0, 10.0)?.unwrap_or(0.0);
-    let yaw_deg = table.number("yaw_deg", -360.0, 360.0)?.unwrap_or(0.0);
-    let width_px = table.number("width_px", 16.0, 4096.0)?;
-    let height_px = table.number("height_px", 16.0, 4096.0)?;
-    let focal_px = table.number("focal_px", 10.0, 10_000.0)?;
-    let rate_hz = table.number("rate_hz", 1.0, FASTEST_HZ)?.unwrap_or(rate);
-    let clock = ClockParams {
-        ahead_s: table.number("clock_ahead_s", 0.0, 1e6)?.unwrap_or(0.0),
-        ratio: table.number("clock_ratio", 0.99, 1.01)?.unwrap_or(1.0),
+    let mut number = |key, min, max, default: f64| {
+        table
+            .number(key, min, max)
+            .map(|value| value.unwrap_or(default))
     };
-    let view = View::new(
-        height_m as f32,
-        (x_m as f32, y_m as f32),
-        yaw_deg.to_radians() as f32,
-        (
-            width_px.map_or(width, |px| px as usize),
-            height_px.map_or(height, |px| px as usize),
-        ),
-        focal_px.map_or(focal, |px| px as f32),
-    )
-    .map_err(|error| table.error(table.start(), ScenarioProblem::View(error)))?;
+    let setup = CameraSetup {
+        height_m: number("height_m", 0.5, 10.0, KINECT.height_m)?,
+        x_m: number("x_m", -10.0, 10.0, KINECT.x_m)?,
+        y_m: number("y_m", -10.0, 10.0, KINECT.y_m)?,
+        yaw_rad: number("yaw_deg", -360.0, 360.0, KINECT.yaw_rad)?.to_radians(),
+        width_px: number("width_px", 16.0, 4096.0, KINECT.width_px as f64)? as usize,
+        height_px: number("height_px", 16.0, 4096.0, KINECT.height_px as f64)? as usize,
+        focal_px: number("focal_px", 10.0, 10_000.0, KINECT.focal_px)?,
+        rate_hz: number("rate_hz", 1.0, FASTEST_HZ, KINECT.rate_hz)?,
+    };
+    let clock = ClockParams {
+        ahead_s: number("clock_ahead_s", 0.0, 1e6, 0.0)?,
+        ratio: number("clock_ratio", 0.99, 1.01, 1.0)?,
+    };
+    let camera = CameraParams::try_from(setup)
+        .map_err(|error| table.error(table.start(), ScenarioProblem::View(error)))?;
     table.finish()?;
-    Ok((CameraParams { view, rate_hz }, clock))
+    Ok((camera, clock))
 }
 
 fn tracker(mut table: Table<'_>) -> Result<TrackerParams, ScenarioError> {

@@ -1,5 +1,8 @@
 //! `rb-host emulate`
 
+#[path = "emulate_films.rs"]
+pub(crate) mod films;
+
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
@@ -15,16 +18,20 @@ use crate::faults;
 use crate::interrupt;
 use crate::link::sim;
 
-/// Serve emulated hardware to other programs, until Ctrl-C
+/// Serve emulated hardware to other programs until Ctrl-C, or film a drawn robot
 ///
 /// `motors` plays six drivers on the RS485 bus, for a real board on a USB-RS485 stick or a Dynamixel client.
 /// `robot` plays the whole robot, for any other program that speaks the link protocol, rb-host included.
 /// `board` runs the firmware image itself in QEMU with emulated motors on its bus; its cable is served like `robot`'s.
+/// `films` records gaits on a robot drawn at random and ends by itself.
 #[derive(Debug, clap::Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Args {
+    #[command(subcommand)]
+    films: Option<Films>,
     /// What to emulate
-    #[arg(value_enum)]
-    what: What,
+    #[arg(value_enum, required = true)]
+    what: Option<What>,
     /// Pseudo terminal with a link to it at this path
     #[arg(long, value_name = "LINK", group = "endpoint")]
     pty: Option<PathBuf>,
@@ -54,6 +61,11 @@ pub struct Args {
     plugin: Option<PathBuf>,
 }
 
+#[derive(Debug, clap::Subcommand)]
+enum Films {
+    Films(films::FilmsArgs),
+}
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum What {
     Motors,
@@ -75,6 +87,9 @@ const BUS_BAUD: u32 = 1_000_000;
 /// # Errors
 /// Exit codes 2, 3, 4.
 pub fn run(args: &Args, context: &Context) -> Outcome {
+    if let Some(Films::Films(films)) = &args.films {
+        return films::run(films, context);
+    }
     let mut scenario = sim::load_scenario(args.scenario.as_deref())?;
     if let Some(seed) = args.seed {
         scenario.world.seed = seed;
@@ -86,9 +101,9 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     }
     let mut endpoint = endpoint(args, context).map_err(endpoint_failed)?;
     match args.what {
-        What::Motors => motors(args, context, &scenario, endpoint.as_mut()),
-        What::Robot => robot(context, &scenario, endpoint.as_mut()),
-        What::Board => board(args, context, &scenario, endpoint.as_mut()),
+        Some(What::Motors) => motors(args, context, &scenario, endpoint.as_mut()),
+        Some(What::Robot) | None => robot(context, &scenario, endpoint.as_mut()),
+        Some(What::Board) => board(args, context, &scenario, endpoint.as_mut()),
     }
 }
 
@@ -97,7 +112,7 @@ fn endpoint(args: &Args, context: &Context) -> Result<Box<dyn Endpoint>, Endpoin
         return Ok(Box::new(Tcp::listen(address)?));
     }
     if let Some(port) = &args.serial {
-        let baud = if args.what == What::Motors {
+        let baud = if args.what == Some(What::Motors) {
             BUS_BAUD
         } else {
             context.baud()

@@ -7,8 +7,11 @@ use serde_json::{Value, json};
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::plot;
+use crate::recording::beside::{self, Seen};
 use crate::recording::check::{self, Severity};
+use crate::recording::set::SetFolder;
 use crate::recording::{Recording, csv, dataset, folder, read};
+use crate::searching::films::read_frames;
 
 /// Look into recordings, check them, convert them, draw them
 #[derive(Debug, clap::Args)]
@@ -58,6 +61,18 @@ enum Action {
         #[arg(long)]
         force: bool,
     },
+    /// Give a run of a data set its film: laid on the robot's clock by the first motion, base poses with it
+    Film {
+        /// Data set folder, as `run --dataset` writes it
+        dataset: PathBuf,
+        /// Name of the run
+        run: String,
+        /// Folder of silhouettes with index.csv (`t_s,file`), times on the camera's clock
+        film: PathBuf,
+        /// Base poses on the camera's clock: a CSV with the columns t_s,base_x_m,...,base_qz
+        #[arg(long, value_name = "CSV")]
+        track: Option<PathBuf>,
+    },
     /// Draw a run: film strip, set-points against positions, currents, voltage (SVG)
     Plot {
         /// Recording
@@ -97,6 +112,12 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
             run,
             force,
         } => convert(context, file, *to, output, *run, *force),
+        Action::Film {
+            dataset,
+            run,
+            film,
+            track,
+        } => add_film(context, dataset, run, film, track.as_deref()),
         Action::Plot {
             file,
             output,
@@ -104,6 +125,42 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
             force,
         } => draw(context, file, output.as_deref(), *run, *force),
     }
+}
+
+fn add_film(
+    context: &Context,
+    dataset: &Path,
+    run: &str,
+    film: &Path,
+    track: Option<&Path>,
+) -> Outcome {
+    if !dataset.join("dataset.toml").exists() {
+        let message = format!("{} holds no dataset.toml", dataset.display());
+        return Err(Failure::say(Exit::BadFile, message)
+            .hint("record it with `rb-host run GAIT.toml --dataset DIR`"));
+    }
+    let set = SetFolder::open(dataset, "", "", "")?;
+    let seen = Seen {
+        film: read_frames(film)?,
+        base: track
+            .map(beside::read_track)
+            .transpose()?
+            .unwrap_or_default(),
+        imu: Vec::new(),
+    };
+    let laid = set.add_film(run, seen)?;
+    let alignment = laid.alignment.as_ref().map(beside::alignment_json);
+    let value = json!({ "run": run, "frames": laid.film.len(), "poses": laid.base.len(), "sync": alignment });
+    context.out.result("rb.rec_film/1", value, || {
+        let shift = laid.alignment.map_or(0.0, |a| a.offset_s);
+        let likeness = laid.alignment.map_or(0.0, |a| a.correlation);
+        format!(
+            "{run}: {} frames, {} poses; clock shift {shift:.3} s by the first motion (likeness {likeness:.2})",
+            laid.film.len(),
+            laid.base.len()
+        )
+    });
+    Ok(())
 }
 
 fn load(context: &Context, path: &Path) -> Outcome<Recording> {

@@ -1,9 +1,11 @@
 //! `rb-host run`
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use control::gait::Gait;
+use files::dataset::Role;
+use files::model::Model;
 use protocol::link::{Digest, EndReason, ModuleState};
 use serde_json::{Value, json};
 
@@ -12,9 +14,9 @@ use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::gait_file;
 use crate::link::{Robot, text};
-use crate::recording::{Header, Recorder};
 use crate::runner::{self, Order, RunReport};
 use crate::settings::Key;
+use crate::takes::{self, Take, open_recording};
 use crate::upload::{self, Options};
 
 /// Run a gait on the robot and record it; Ctrl-C stops the robot
@@ -38,6 +40,12 @@ pub struct Args {
     /// Replace an existing recording
     #[arg(long)]
     force: bool,
+    /// Add each run to this data set folder: gait, recording, CSV, and the film and base pose of an emulated camera
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["record", "countdown"], requires = "gait")]
+    dataset: Option<PathBuf>,
+    /// Use of the runs in the data set
+    #[arg(long, value_enum, requires = "dataset")]
+    role: Option<RoleArg>,
     /// Samples per second, 20 or 100 [default: setting telemetry_hz]
     #[arg(long, value_name = "HZ", value_parser = ["20", "100"])]
     rate: Option<String>,
@@ -50,6 +58,14 @@ pub struct Args {
     /// Leave the check of the gait to the robot
     #[arg(long)]
     skip_host_check: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum RoleArg {
+    /// May be fitted
+    Fit,
+    /// Held out
+    Check,
 }
 
 /// Longest wait for the robot to come to rest between two runs.
@@ -66,6 +82,9 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         .map(|path| load(args, context, path))
         .transpose()?;
     let model = args.model.as_deref().map(load_model).transpose()?;
+    if let (Some(folder), Some(gait)) = (&args.dataset, &gait) {
+        return run_takes(args, context, folder, gait, model);
+    }
     let mut robot = context.connect()?;
     let (slot, digest, gait) = place(args, &mut robot, gait)?;
     let order = order(args, context, slot, digest, gait)?;
@@ -110,6 +129,95 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     verdict(&reports)
 }
 
+/// Runs that become runs of a data set.
+fn run_takes(
+    args: &Args,
+    context: &Context,
+    folder: &Path,
+    gait: &Gait,
+    model: Option<String>,
+) -> Outcome {
+    let uri = context.port()?;
+    let model = model.unwrap_or_else(|| Model::hand_tuned().to_toml());
+    let set = takes::open_set(folder, gait.name(), &model, &uri)?;
+    let known = set.runs()?;
+    let mut number = 0;
+    let mut reports = Vec::new();
+    let mut names = Vec::new();
+    for _ in 0..args.repeat {
+        number += 1;
+        while known.contains(&takes::name(gait, number)) {
+            number += 1;
+        }
+        let take = Take {
+            name: takes::name(gait, number),
+            gait: gait.clone(),
+            role: args.role.map(|role| match role {
+                RoleArg::Fit => Role::Fit,
+                RoleArg::Check => Role::Check,
+            }),
+            duration: args
+                .duration
+                .unwrap_or_else(|| Duration::from_secs_f32(gait.duration_s())),
+            rate_hz: rate_hz(args, context)?,
+            slot: args.slot,
+        };
+        if !uri.is_sim() {
+            let question = format!(
+                "Home pose, flat on the ground, camera on? Run {}?",
+                take.name
+            );
+            super::confirm(context, &question)?;
+        }
+        let taken = takes::take(context, &uri, &set, &take)?;
+        context.out.say(takes::line(&take, &taken));
+        let kept = taken.is_kept();
+        reports.push(taken.report);
+        names.push(take.name);
+        if !kept {
+            break;
+        }
+    }
+    let runs: Vec<Value> = reports
+        .iter()
+        .zip(&names)
+        .map(|(report, name)| {
+            let mut value = report_json(report);
+            value["name"] = json!(name);
+            value
+        })
+        .collect();
+    let value =
+        json!({ "gait": gait.name(), "dataset": folder, "port": uri.to_string(), "runs": runs });
+    let filmed = set
+        .manifest()
+        .is_ok_and(|set| set.runs.iter().all(|run| run.frames.is_some()));
+    context.out.result("rb.run/1", value, || {
+        let shown = folder.display();
+        if filmed
+            || reports
+                .iter()
+                .all(|r| r.reason != Some(EndReason::Completed))
+        {
+            format!("data set {shown}")
+        } else {
+            format!(
+                "data set {shown}; give a run its film with `rb-host rec film {shown} RUN FOLDER`"
+            )
+        }
+    });
+    verdict(&reports)
+}
+
+fn rate_hz(args: &Args, context: &Context) -> Outcome<u32> {
+    let rate = args
+        .rate
+        .clone()
+        .unwrap_or_else(|| context.settings.get(Key::TelemetryHz).value);
+    rate.parse()
+        .map_err(|_| Failure::say(Exit::Usage, "--rate is 20 or 100"))
+}
+
 fn load(args: &Args, context: &Context, path: &Path) -> Outcome<Gait> {
     let gait = gait_file::load(path)?;
     if !args.skip_host_check {
@@ -123,8 +231,7 @@ fn load_model(path: &Path) -> Outcome<String> {
     const MAX_MODEL: usize = 1 << 20;
     let bad = |e: anyhow::Error| Failure::new(Exit::BadFile, e);
     let text = gait_file::read_text(path, MAX_MODEL).map_err(|e| bad(e.into()))?;
-    files::model::Model::parse(&path.display().to_string(), &text)
-        .map_err(|e| bad(anyhow::Error::new(e)))?;
+    Model::parse(&path.display().to_string(), &text).map_err(|e| bad(anyhow::Error::new(e)))?;
     Ok(text)
 }
 
@@ -149,68 +256,16 @@ fn place(args: &Args, robot: &mut Robot, gait: Option<Gait>) -> Outcome<(u8, Dig
 }
 
 fn order(args: &Args, context: &Context, slot: u8, digest: Digest, gait: Gait) -> Outcome<Order> {
-    let rate = args
-        .rate
-        .clone()
-        .unwrap_or_else(|| context.settings.get(Key::TelemetryHz).value);
     Ok(Order {
         slot,
         digest,
         duration: args
             .duration
             .unwrap_or_else(|| Duration::from_secs_f32(gait.duration_s())),
-        rate_hz: rate
-            .parse()
-            .map_err(|_| Failure::say(Exit::Usage, "--rate is 20 or 100"))?,
+        rate_hz: rate_hz(args, context)?,
         countdown: args.countdown.unwrap_or_default(),
         gait,
     })
-}
-
-fn open_recording(
-    path: &Path,
-    force: bool,
-    robot: &mut Robot,
-    gait: &Gait,
-    model: Option<&str>,
-) -> Outcome<Recorder> {
-    let clock_offset_ns = clock_offset_ns(robot)?;
-    let hello = robot.hello();
-    let header = Header {
-        tool: format!("rb-host {}", env!("CARGO_PKG_VERSION")),
-        firmware: hello.firmware.to_string(),
-        robot: hello.robot_id.to_string(),
-        port: robot.link().uri().to_string(),
-        model_digest: text::hex(&hello.model_digest.0),
-        clock_offset_ns,
-    };
-    let open = || {
-        let mut recorder = Recorder::create(path, force, &header)?;
-        recorder.attach(
-            "gait.toml",
-            "application/toml",
-            files::gait::to_toml(gait).as_bytes(),
-        )?;
-        if let Some(model) = model {
-            recorder.attach("model.toml", "application/toml", model.as_bytes())?;
-        }
-        Ok(recorder)
-    };
-    open().map_err(|e: crate::recording::RecorderError| Failure::new(Exit::Other, e))
-}
-
-/// What turns device time into recording time: nothing on virtual time, so that the same run gives the same file.
-fn clock_offset_ns(robot: &mut Robot) -> Outcome<i64> {
-    if robot.link().uri().is_sim() {
-        return Ok(0);
-    }
-    let pong = robot.ping()?;
-    let unix = SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .unwrap_or_default();
-    let middle_ns = (unix.saturating_sub(pong.round_trip / 2)).as_nanos();
-    let module_ns = u128::from(pong.module_us) * 1000;
-    Ok(i64::try_from(middle_ns as i128 - module_ns as i128).unwrap_or(0))
 }
 
 fn wait_for_rest(robot: &mut Robot) -> Outcome {

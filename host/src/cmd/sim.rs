@@ -199,7 +199,7 @@ impl<'a> Writer<'a> {
             "format = 1\nrobot = \"metamodule\"\nname = \"body simulator\"\n\n[metamodule]\nmodel = \"model.toml\"\n",
         );
         if self.films {
-            manifest.push_str(&films::camera_toml());
+            manifest.push_str(&films::camera_toml(&films::settings(1)));
         }
         for gait in gaits {
             let file = self

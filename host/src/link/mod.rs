@@ -18,6 +18,7 @@ use std::time::Duration;
 pub use error::LinkError;
 pub use port::PortUri;
 pub use robot::Robot;
+pub use sim::EmulatedLab;
 
 /// A two-way stream of bytes with its own clock.
 pub trait Link {
@@ -44,6 +45,11 @@ pub trait Link {
 
     /// Where the link goes.
     fn uri(&self) -> &PortUri;
+
+    /// What instruments beside an emulated robot have seen since it was powered; nothing can be known of a real one here.
+    fn seen(&self) -> Option<EmulatedLab> {
+        None
+    }
 }
 
 /// Opens a link.

@@ -1,8 +1,13 @@
 //! The emulated robot in this process: firmware, bus and motors on a virtual clock that runs as fast as the host can.
 
+use std::any::Any;
 use std::path::Path;
 use std::time::Duration;
 
+use control::robot::RobotModel;
+use files::model::Model;
+use hil_sim::ground::Ground;
+use hil_sim::lab::{CameraSetup, Lab};
 use hil_sim::robot::link::LinkLine;
 use hil_sim::robot::{EmulatedRobot, Setup};
 use hil_sim::scenario::{self, Scenario};
@@ -10,6 +15,8 @@ use hil_sim::world::World;
 
 use super::{Link, LinkError, PortUri};
 use crate::gait_file::read_text;
+use crate::recording::beside::{BaseRow, ImuRow, Seen};
+use crate::searching::films::TimedFrame;
 
 /// Largest scenario file.
 const MAX_BYTES: usize = 1 << 20;
@@ -29,6 +36,41 @@ impl core::fmt::Debug for SimLink {
     }
 }
 
+/// What instruments beside the emulated robot have seen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EmulatedLab {
+    /// The camera, if one stands there: what anyone could measure of it with a ruler.
+    pub camera: Option<CameraSetup>,
+    /// Film, poses, readings.
+    pub seen: Seen,
+}
+
+impl EmulatedLab {
+    fn of(lab: &Lab) -> Self {
+        let film = lab.film(&RobotModel::default());
+        let base = lab.poses().map(|pose| BaseRow {
+            t_s: pose.t_s,
+            position_m: pose.position_m,
+            quaternion: pose.quaternion,
+        });
+        let imu = lab.readings().map(|reading| ImuRow {
+            t_s: reading.t_s,
+            gyro_rad_s: reading.gyro_rad_s,
+            accel_m_s2: reading.accel_m_s2,
+        });
+        Self {
+            camera: lab.params().camera.map(|camera| *camera.setup()),
+            seen: Seen {
+                film: film
+                    .map(|(t_s, silhouette)| TimedFrame { t_s, silhouette })
+                    .collect(),
+                base: base.collect(),
+                imu: imu.collect(),
+            },
+        }
+    }
+}
+
 /// Reads a scenario; without a file six catalogue motors without faults.
 ///
 /// # Errors
@@ -39,7 +81,17 @@ pub fn load_scenario(path: Option<&Path>) -> Result<Scenario, LinkError> {
         None => String::new(),
     };
     let name = path.map_or_else(|| "sim:".to_owned(), |p| p.display().to_string());
-    scenario::parse(&name, &text).map_err(|e| LinkError::Scenario(e.to_string()))
+    let mut scenario =
+        scenario::parse(&name, &text).map_err(|e| LinkError::Scenario(e.to_string()))?;
+    if let Some(file) = &scenario.model_file {
+        let folder = path.and_then(Path::parent).unwrap_or(Path::new(""));
+        let shown = folder.join(file).display().to_string();
+        let text = read_text(&folder.join(file), MAX_BYTES)
+            .map_err(|e| LinkError::Scenario(e.to_string()))?;
+        scenario.model =
+            Model::parse(&shown, &text).map_err(|e| LinkError::Scenario(e.to_string()))?;
+    }
+    Ok(scenario)
 }
 
 /// A robot of this scenario, its joints in the home pose, just powered.
@@ -63,7 +115,15 @@ impl SimLink {
     /// # Errors
     /// [`LinkError::Scenario`]
     pub fn open(path: Option<&Path>) -> Result<Self, LinkError> {
-        let robot = robot_of(&load_scenario(path)?)?;
+        Self::open_repeat(path, 0)
+    }
+
+    /// Starts the emulated robot with other chance: the robot of a repeated trial.
+    ///
+    /// # Errors
+    /// [`LinkError::Scenario`]
+    pub fn open_repeat(path: Option<&Path>, repeat: u64) -> Result<Self, LinkError> {
+        let robot = robot_of(&load_scenario(path)?.repeat(repeat))?;
         let line = robot.link();
         Ok(Self {
             uri: PortUri::Sim(path.map(Path::to_owned)),
@@ -100,5 +160,12 @@ impl Link for SimLink {
 
     fn uri(&self) -> &PortUri {
         &self.uri
+    }
+
+    fn seen(&self) -> Option<EmulatedLab> {
+        let world = self.robot.motors().borrow();
+        let body: &dyn Any = world.plant().body();
+        let lab = body.downcast_ref::<Ground>()?.lab()?;
+        Some(EmulatedLab::of(lab))
     }
 }

@@ -9,6 +9,7 @@ use std::fmt::Write as _;
 
 use control::robot::JOINTS;
 
+use super::beside::{BaseRow, ImuRow};
 use super::reader::RunData;
 use super::rows::Feedback;
 use super::timing::Timing;
@@ -33,17 +34,58 @@ struct Row {
     setpoints_rad: Option<[f64; JOINTS]>,
     torque: bool,
     feedback: [Option<Feedback>; JOINTS],
+    base: Option<[f64; 7]>,
+    imu: Option<[f64; 6]>,
 }
+
+/// Columns of a base pose.
+const BASE: [&str; 7] = [
+    "base_x_m", "base_y_m", "base_z_m", "base_qw", "base_qx", "base_qy", "base_qz",
+];
+/// Columns of the inertial sensor.
+const IMU: [&str; 6] = [
+    "gyro_rad_s_x",
+    "gyro_rad_s_y",
+    "gyro_rad_s_z",
+    "accel_m_s2_x",
+    "accel_m_s2_y",
+    "accel_m_s2_z",
+];
 
 /// Writes the run. The same recording gives the same bytes.
 #[must_use]
 pub fn to_csv(run: &RunData) -> String {
-    let mut out = header();
+    to_csv_beside(run, &[], &[])
+}
+
+/// Writes the run with base poses and inertial readings on the time of the run; columns of what is empty are left out.
+#[must_use]
+pub fn to_csv_beside(run: &RunData, base: &[BaseRow], imu: &[ImuRow]) -> String {
+    let columns = Columns {
+        base: !base.is_empty(),
+        imu: !imu.is_empty(),
+    };
+    let mut out = header(&columns);
     let Some(timing) = Timing::of(run) else {
         return out;
     };
+    let mut rows = rows(run, &timing);
+    let at_us = |t_s: f64| {
+        timing
+            .start_us
+            .saturating_add((t_s * 1e6).round().max(0.0) as u64)
+    };
+    for row in base {
+        let [x, y, z] = row.position_m;
+        let [qw, qx, qy, qz] = row.quaternion;
+        rows.entry(at_us(row.t_s)).or_default().base = Some([x, y, z, qw, qx, qy, qz]);
+    }
+    for row in imu {
+        let ([a, b, c], [d, e, f]) = (row.gyro_rad_s, row.accel_m_s2);
+        rows.entry(at_us(row.t_s)).or_default().imu = Some([a, b, c, d, e, f]);
+    }
     let mut torque = false;
-    for (t_us, row) in &rows(run, &timing) {
+    for (t_us, row) in &rows {
         torque = if row.setpoints_rad.is_some() {
             row.torque
         } else {
@@ -54,18 +96,29 @@ pub fn to_csv(run: &RunData) -> String {
             *t_us as i128 - i128::from(timing.start_us),
             row,
             torque,
+            &columns,
         );
     }
     out
 }
 
-fn header() -> String {
+/// Which columns stand behind those of the joints.
+struct Columns {
+    base: bool,
+    imu: bool,
+}
+
+fn header(columns: &Columns) -> String {
     let mut out = String::from("t_s,bus_v");
     for k in 0..JOINTS {
         let _ = write!(out, ",setpoint_rad_{k},enable_{k}");
         for name in MEASURED {
             let _ = write!(out, ",{name}_{k}");
         }
+    }
+    let imu = IMU.iter().filter(|_| columns.imu);
+    for name in BASE.iter().filter(|_| columns.base).chain(imu) {
+        let _ = write!(out, ",{name}");
     }
     out.push('\n');
     out
@@ -96,7 +149,7 @@ fn rows(run: &RunData, timing: &Timing) -> BTreeMap<u64, Row> {
     rows
 }
 
-fn line(out: &mut String, t_us: i128, row: &Row, torque: bool) {
+fn line(out: &mut String, t_us: i128, row: &Row, torque: bool, columns: &Columns) {
     let _ = write!(out, "{}", t_us as f64 / 1e6);
     let volts: Vec<f64> = row.feedback.iter().flatten().map(|f| f.voltage_v).collect();
     let mean = volts.iter().sum::<f64>() / volts.len() as f64;
@@ -114,6 +167,16 @@ fn line(out: &mut String, t_us: i128, row: &Row, torque: bool) {
         cell(out, f.map(|f| f.current_a));
         cell(out, f.map(|f| f.duty));
         cell(out, f.map(|f| f.temperature_c));
+    }
+    if columns.base {
+        for k in 0..BASE.len() {
+            cell(out, row.base.map(|b| b[k]));
+        }
+    }
+    if columns.imu {
+        for k in 0..IMU.len() {
+            cell(out, row.imu.map(|i| i[k]));
+        }
     }
     out.push('\n');
 }

@@ -5,6 +5,7 @@
 //! write the columns and the folder of the data set format; [`check`] compares a recording with itself and the law,
 //! [`folder`] reads a data set folder as others will.
 
+pub mod beside;
 pub mod cdr;
 pub mod check;
 pub mod csv;
@@ -15,6 +16,7 @@ mod reader;
 pub mod rows;
 mod scan;
 pub mod schema;
+pub mod set;
 pub mod timing;
 mod writer;
 

@@ -32,15 +32,22 @@ pub fn settings(stride: usize) -> FilmSettings {
     }
 }
 
-/// The `[camera]` table of a data set filmed by the virtual Kinect. Its height is written as the search range of Table II knows it: uncertain.
+/// The `[camera]` table of a data set filmed by a virtual camera. Its height is written as the search range of Table II knows it: uncertain.
 #[must_use]
-pub fn camera_toml() -> String {
+pub fn camera_toml(settings: &FilmSettings) -> String {
     let (low, high) = Key::CameraHeight.info().search;
     format!(
-        "\n[camera]\nheight_m = {{ value = {}, tolerance = {} }}\nx_m = 0.0\ny_m = 0.0\nyaw_rad = 0.0\n\
-         width_px = {WIDTH_PX}\nheight_px = {HEIGHT_PX}\nfocal_px = {FOCAL_PX:.1}\nrate_hz = {RATE_HZ:.1}\n",
+        "\n[camera]\nheight_m = {{ value = {}, tolerance = {} }}\nx_m = {:?}\ny_m = {:?}\nyaw_rad = {:?}\n\
+         width_px = {}\nheight_px = {}\nfocal_px = {:?}\nrate_hz = {:?}\n",
         0.5 * (low + high),
         0.5 * (high - low),
+        settings.x_m,
+        settings.y_m,
+        settings.yaw_rad,
+        settings.width_px,
+        settings.height_px,
+        settings.focal_px,
+        settings.rate_hz,
     )
 }
 
@@ -127,10 +134,27 @@ fn start_m(folder: &Path, manifest: &Manifest, run: &Run) -> Outcome<[f32; 2]> {
     Ok([first(x), first(y)])
 }
 
+/// A frame and its instant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TimedFrame {
+    /// Instant by the film's `index.csv`, s.
+    pub t_s: f64,
+    /// Outline.
+    pub silhouette: Silhouette,
+}
+
 /// The frames of one run, in the order of its `index.csv`.
 fn read_film(folder: &Path, run: &Run) -> Outcome<Vec<Silhouette>> {
-    let frames = folder.join(run.frames.as_deref().unwrap_or_default());
-    let index = frames.join("index.csv");
+    let frames = read_frames(&folder.join(run.frames.as_deref().unwrap_or_default()))?;
+    Ok(frames.into_iter().map(|frame| frame.silhouette).collect())
+}
+
+/// A folder of silhouettes, in the order of its `index.csv` (`t_s,file`).
+///
+/// # Errors
+/// Exit code 3 with file and line.
+pub fn read_frames(folder: &Path) -> Outcome<Vec<TimedFrame>> {
+    let index = folder.join("index.csv");
     let shown = index.display().to_string();
     let bad = |line: usize, why: String| {
         Failure::say(Exit::BadFile, format!("{shown}:{line}: {why}"))
@@ -140,14 +164,18 @@ fn read_film(folder: &Path, run: &Run) -> Outcome<Vec<Silhouette>> {
         .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
     let mut film = Vec::new();
     for (k, line) in text.lines().enumerate().skip(1) {
-        let (_, file) = line
+        let (t_s, file) = line
             .split_once(',')
             .ok_or_else(|| bad(k + 1, "no comma".to_owned()))?;
-        let bytes = std::fs::read(frames.join(file.trim()))
+        let t_s = t_s
+            .trim()
+            .parse()
+            .map_err(|e| bad(k + 1, format!("time {t_s:?}: {e}")))?;
+        let bytes = std::fs::read(folder.join(file.trim()))
             .map_err(|e| bad(k + 1, format!("{file}: {e}")))?;
-        film.push(
-            picture::read_silhouette_png(&bytes).map_err(|e| bad(k + 1, format!("{file}: {e}")))?,
-        );
+        let silhouette =
+            picture::read_silhouette_png(&bytes).map_err(|e| bad(k + 1, format!("{file}: {e}")))?;
+        film.push(TimedFrame { t_s, silhouette });
     }
     Ok(film)
 }
