@@ -75,10 +75,22 @@ impl Travel {
         (median > 0.0).then_some(median / EDGE_STEP_S)
     }
 
+    /// The pace that tells motion from rest, per second: a small share of the usual one, and well above what flickers in the
+    /// first [`REST_S`], which must be rest.
+    fn knee_per_s(&self) -> Option<f64> {
+        let flicker = self
+            .steps()
+            .into_iter()
+            .take((REST_S / EDGE_STEP_S) as usize)
+            .fold(0.0, f64::max);
+        let knee = EDGE_SHARE * self.pace_per_s()?;
+        Some(knee.max(FLICKER * flicker / EDGE_STEP_S))
+    }
+
     /// When the first motion begins, s: the first step that is no rest.
-    fn edge_s(&self, pace_per_s: f64) -> Option<f64> {
+    fn edge_s(&self, knee_per_s: f64) -> Option<f64> {
         let (from_s, _) = self.span_s()?;
-        let least = EDGE_SHARE * pace_per_s * EDGE_STEP_S;
+        let least = knee_per_s * EDGE_STEP_S;
         let edge = self.steps().iter().position(|step| *step > least)?;
         Some(from_s + edge as f64 * EDGE_STEP_S)
     }
@@ -88,19 +100,21 @@ impl Travel {
 const EDGE_STEP_S: f64 = 0.05;
 /// Steps below this share of the largest one are rest.
 const REST_SHARE: f64 = 0.01;
-/// A step above this share of the pace is motion. Chosen: far above what pixels flicker at rest, a frame or two into a move.
-const EDGE_SHARE: f64 = 0.25;
+/// A step above this share of the pace is motion. Chosen: the outline of a slow first motion changes by less than a pixel.
+const EDGE_SHARE: f64 = 0.05;
+/// A step above this many times the largest one at rest is motion.
+const FLICKER: f64 = 3.0;
 /// The camera must have seen the robot rest this long before it moved, s.
 pub const REST_S: f64 = 0.4;
 /// Shifts are searched this far about the one the edges give, s.
 const REACH_S: f64 = 1.0;
 /// Grid of the search, s: an eighth of a frame at 30 Hz.
 const GRID_S: f64 = 1.0 / 240.0;
-/// Motion compared from before the edge to this long after it, s: the beginning of the way to the start pose. Later the
-/// robot may fall over, which the film shows and the joints do not.
-const WINDOW_S: (f64, f64) = (0.5, 1.5);
+/// Motion compared from before the edge to this long after it, s. Later the robot may fall over, which the film shows and the
+/// joints do not.
+const WINDOW_S: (f64, f64) = (1.5, 1.0);
 /// Curves less alike than this are not of the same run.
-pub const LEAST_CORRELATION: f64 = 0.5;
+pub const LEAST_CORRELATION: f64 = 0.8;
 
 /// How a film lies in time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -148,10 +162,17 @@ pub enum SyncError {
 /// # Errors
 /// [`SyncError`]
 pub fn align(film: &Travel, robot: &Travel) -> Result<Alignment, SyncError> {
-    let film_pace = film.pace_per_s().ok_or(SyncError::FilmAtRest)?;
-    let robot_pace = robot.pace_per_s().ok_or(SyncError::RobotAtRest)?;
-    let edge_s = film.edge_s(film_pace).ok_or(SyncError::FilmAtRest)?;
-    let robot_edge_s = robot.edge_s(robot_pace).ok_or(SyncError::RobotAtRest)?;
+    let pace = film.pace_per_s().ok_or(SyncError::FilmAtRest)?;
+    let film_knee = film.knee_per_s().ok_or(SyncError::FilmAtRest)?;
+    let robot_knee = robot.knee_per_s().ok_or(SyncError::RobotAtRest)?;
+    // A film that begins in motion has no rest to tell motion from.
+    let edge_knee = if film_knee < pace {
+        film_knee
+    } else {
+        EDGE_SHARE * pace
+    };
+    let edge_s = film.edge_s(edge_knee).ok_or(SyncError::FilmAtRest)?;
+    let robot_edge_s = robot.edge_s(robot_knee).ok_or(SyncError::RobotAtRest)?;
     let (from_s, _) = film.span_s().ok_or(SyncError::FilmAtRest)?;
     let rest_s = edge_s - from_s;
     if rest_s < REST_S {
@@ -170,8 +191,8 @@ pub fn align(film: &Travel, robot: &Travel) -> Result<Alignment, SyncError> {
             let went = robot.at(b_s + offset_s) - robot.at(a_s + offset_s);
             let length_s = b_s - a_s;
             (
-                saturated(*seen, film_pace * length_s),
-                saturated(went, robot_pace * length_s),
+                share(*seen, film_knee * length_s),
+                share(went, robot_knee * length_s),
             )
         });
         correlation(pairs)
@@ -204,9 +225,9 @@ pub fn align(film: &Travel, robot: &Travel) -> Result<Alignment, SyncError> {
     })
 }
 
-/// A way as a share of itself and the usual one: how fast counts less than whether.
-fn saturated(way: f64, usual: f64) -> f64 {
-    way / (way + usual)
+/// A way as a share of itself and the knee: whether it moves counts more than how fast.
+fn share(way: f64, knee: f64) -> f64 {
+    way / (way + knee)
 }
 
 /// Pearson's correlation; 0 when either side does not vary.

@@ -263,7 +263,7 @@ impl Lab {
     /// The film: instant on the camera's clock [s] and silhouette of the true shapes of `robot`, in order.
     pub fn film(&self, robot: &RobotModel) -> impl Iterator<Item = (f64, Silhouette)> + '_ {
         let solids = Solid::meta_module(robot);
-        let robot = robot.clone();
+        let robot = *robot;
         let frames = self.params.camera.map(|camera| {
             self.frames.kept.iter().map(move |frame| {
                 let base = Pose {

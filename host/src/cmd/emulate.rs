@@ -16,7 +16,8 @@ use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::faults;
 use crate::interrupt;
-use crate::link::sim;
+use crate::link::{EmulatedLab, sim};
+use crate::recording::beside;
 
 /// Serve emulated hardware to other programs until Ctrl-C, or film a drawn robot
 ///
@@ -53,6 +54,9 @@ pub struct Args {
     /// Motors: answer after the time the wire takes, or at once
     #[arg(long, value_enum, default_value = "real")]
     pace: PaceArg,
+    /// Robot: folder for the film and track.csv of the scenario's camera and tracker, on the camera's own clock, written at the end
+    #[arg(long, value_name = "DIR")]
+    film: Option<PathBuf>,
     /// Board: the firmware image [default: built, in the workspace]
     #[arg(long, value_name = "FILE", requires = "plugin")]
     elf: Option<PathBuf>,
@@ -102,7 +106,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     let mut endpoint = endpoint(args, context).map_err(endpoint_failed)?;
     match args.what {
         Some(What::Motors) => motors(args, context, &scenario, endpoint.as_mut()),
-        Some(What::Robot) | None => robot(context, &scenario, endpoint.as_mut()),
+        Some(What::Robot) | None => robot(args, context, &scenario, endpoint.as_mut()),
         Some(What::Board) => board(args, context, &scenario, endpoint.as_mut()),
     }
 }
@@ -186,7 +190,18 @@ fn motors(
     Ok(())
 }
 
-fn robot(context: &Context, scenario: &Scenario, endpoint: &mut dyn Endpoint) -> Outcome {
+fn robot(
+    args: &Args,
+    context: &Context,
+    scenario: &Scenario,
+    endpoint: &mut dyn Endpoint,
+) -> Outcome {
+    if args.film.is_some() && scenario.lab.camera.is_none() {
+        return Err(
+            Failure::say(Exit::Usage, "--film: no camera stands beside this robot")
+                .hint("give a scenario with body = \"ground\" and a [camera] table"),
+        );
+    }
     let mut robot = sim::robot_of(scenario)?;
     let mut last = None;
     serve(&mut robot, endpoint, &mut |event| {
@@ -197,6 +212,14 @@ fn robot(context: &Context, scenario: &Scenario, endpoint: &mut dyn Endpoint) ->
         go_on()
     })
     .map_err(endpoint_failed)?;
+    if let (Some(folder), Some(lab)) = (&args.film, EmulatedLab::beside(&robot)) {
+        beside::write_film(folder, &lab.seen.film)?;
+        std::fs::write(folder.join("track.csv"), beside::track_csv(&lab.seen.base))?;
+        let (frames, folder) = (lab.seen.film.len(), folder.display());
+        context.out.say(format_args!(
+            "{frames} frames in {folder}, on the camera's clock"
+        ));
+    }
     if let Some(RobotEvent::Status {
         virtual_s,
         behind_s,

@@ -11,7 +11,6 @@ use crate::recording::beside::{self, Seen};
 use crate::recording::check::{self, Severity};
 use crate::recording::set::SetFolder;
 use crate::recording::{Recording, csv, dataset, folder, read};
-use crate::searching::films::read_frames;
 
 /// Look into recordings, check them, convert them, draw them
 #[derive(Debug, clap::Args)]
@@ -141,7 +140,7 @@ fn add_film(
     }
     let set = SetFolder::open(dataset, "", "", "")?;
     let seen = Seen {
-        film: read_frames(film)?,
+        film: beside::read_frames(film)?,
         base: track
             .map(beside::read_track)
             .transpose()?

@@ -15,8 +15,7 @@ use hil_sim::world::World;
 
 use super::{Link, LinkError, PortUri};
 use crate::gait_file::read_text;
-use crate::recording::beside::{BaseRow, ImuRow, Seen};
-use crate::searching::films::TimedFrame;
+use crate::recording::beside::{BaseRow, ImuRow, Seen, TimedFrame};
 
 /// Largest scenario file.
 const MAX_BYTES: usize = 1 << 20;
@@ -46,6 +45,15 @@ pub struct EmulatedLab {
 }
 
 impl EmulatedLab {
+    /// What the instruments beside a robot have seen since it was powered; `None` when there are none.
+    #[must_use]
+    pub fn beside(robot: &EmulatedRobot<World>) -> Option<Self> {
+        let world = robot.motors().borrow();
+        let body: &dyn Any = world.plant().body();
+        let lab = body.downcast_ref::<Ground>()?.lab()?;
+        Some(Self::of(lab))
+    }
+
     fn of(lab: &Lab) -> Self {
         let film = lab.film(&RobotModel::default());
         let base = lab.poses().map(|pose| BaseRow {
@@ -163,9 +171,6 @@ impl Link for SimLink {
     }
 
     fn seen(&self) -> Option<EmulatedLab> {
-        let world = self.robot.motors().borrow();
-        let body: &dyn Any = world.plant().body();
-        let lab = body.downcast_ref::<Ground>()?.lab()?;
-        Some(EmulatedLab::of(lab))
+        EmulatedLab::beside(&self.robot)
     }
 }

@@ -12,7 +12,15 @@ use serde_json::{Value, json};
 use super::reader::RunData;
 use super::timing::Timing;
 use crate::failure::{Exit, Failure, Outcome};
-use crate::searching::films::TimedFrame;
+
+/// A frame and its instant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TimedFrame {
+    /// Instant, s.
+    pub t_s: f64,
+    /// Outline.
+    pub silhouette: Silhouette,
+}
 
 /// A pose of body 3.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -193,10 +201,53 @@ pub fn write_film(folder: &Path, film: &[TimedFrame]) -> Outcome {
     Ok(std::fs::write(folder.join("index.csv"), index)?)
 }
 
+/// Reads a folder of silhouettes, in the order of its `index.csv` (`t_s,file`).
+///
+/// # Errors
+/// Exit code 3 with file and line.
+pub fn read_frames(folder: &Path) -> Outcome<Vec<TimedFrame>> {
+    let index = folder.join("index.csv");
+    let shown = index.display().to_string();
+    let bad = |line: usize, why: String| {
+        Failure::say(Exit::BadFile, format!("{shown}:{line}: {why}"))
+            .hint("each line is `t_s,file`, the first is that header")
+    };
+    let text = std::fs::read_to_string(&index)
+        .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
+    let mut film = Vec::new();
+    for (k, line) in text.lines().enumerate().skip(1) {
+        let (t_s, file) = line
+            .split_once(',')
+            .ok_or_else(|| bad(k + 1, "no comma".to_owned()))?;
+        let t_s = t_s
+            .trim()
+            .parse()
+            .map_err(|e| bad(k + 1, format!("time {t_s:?}: {e}")))?;
+        let bytes = std::fs::read(folder.join(file.trim()))
+            .map_err(|e| bad(k + 1, format!("{file}: {e}")))?;
+        let silhouette =
+            picture::read_silhouette_png(&bytes).map_err(|e| bad(k + 1, format!("{file}: {e}")))?;
+        film.push(TimedFrame { t_s, silhouette });
+    }
+    Ok(film)
+}
+
 /// Header of a track: times of the camera's clock and the base columns of the data set format.
 const TRACK: [&str; 8] = [
     "t_s", "base_x_m", "base_y_m", "base_z_m", "base_qw", "base_qx", "base_qy", "base_qz",
 ];
+
+/// Base poses on the camera's clock as a CSV.
+#[must_use]
+pub fn track_csv(base: &[BaseRow]) -> String {
+    let mut text = TRACK.join(",") + "\n";
+    for row in base {
+        let numbers = row.position_m.iter().chain(&row.quaternion);
+        let cells: Vec<String> = numbers.map(|v| format!("{v:.6}")).collect();
+        text.push_str(&format!("{:.6},{}\n", row.t_s, cells.join(",")));
+    }
+    text
+}
 
 /// Reads base poses on the camera's clock from a CSV with the columns `t_s,base_x_m,...,base_qz`.
 ///

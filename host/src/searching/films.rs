@@ -134,27 +134,10 @@ fn start_m(folder: &Path, manifest: &Manifest, run: &Run) -> Outcome<[f32; 2]> {
     Ok([first(x), first(y)])
 }
 
-/// A frame and its instant.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TimedFrame {
-    /// Instant by the film's `index.csv`, s.
-    pub t_s: f64,
-    /// Outline.
-    pub silhouette: Silhouette,
-}
-
 /// The frames of one run, in the order of its `index.csv`.
 fn read_film(folder: &Path, run: &Run) -> Outcome<Vec<Silhouette>> {
-    let frames = read_frames(&folder.join(run.frames.as_deref().unwrap_or_default()))?;
-    Ok(frames.into_iter().map(|frame| frame.silhouette).collect())
-}
-
-/// A folder of silhouettes, in the order of its `index.csv` (`t_s,file`).
-///
-/// # Errors
-/// Exit code 3 with file and line.
-pub fn read_frames(folder: &Path) -> Outcome<Vec<TimedFrame>> {
-    let index = folder.join("index.csv");
+    let frames = folder.join(run.frames.as_deref().unwrap_or_default());
+    let index = frames.join("index.csv");
     let shown = index.display().to_string();
     let bad = |line: usize, why: String| {
         Failure::say(Exit::BadFile, format!("{shown}:{line}: {why}"))
@@ -164,18 +147,14 @@ pub fn read_frames(folder: &Path) -> Outcome<Vec<TimedFrame>> {
         .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
     let mut film = Vec::new();
     for (k, line) in text.lines().enumerate().skip(1) {
-        let (t_s, file) = line
+        let (_, file) = line
             .split_once(',')
             .ok_or_else(|| bad(k + 1, "no comma".to_owned()))?;
-        let t_s = t_s
-            .trim()
-            .parse()
-            .map_err(|e| bad(k + 1, format!("time {t_s:?}: {e}")))?;
-        let bytes = std::fs::read(folder.join(file.trim()))
+        let bytes = std::fs::read(frames.join(file.trim()))
             .map_err(|e| bad(k + 1, format!("{file}: {e}")))?;
-        let silhouette =
-            picture::read_silhouette_png(&bytes).map_err(|e| bad(k + 1, format!("{file}: {e}")))?;
-        film.push(TimedFrame { t_s, silhouette });
+        film.push(
+            picture::read_silhouette_png(&bytes).map_err(|e| bad(k + 1, format!("{file}: {e}")))?,
+        );
     }
     Ok(film)
 }

@@ -5,6 +5,7 @@ mod bad_gaits;
 mod commands;
 mod docs;
 mod dropout;
+mod filmed;
 mod model;
 mod python;
 mod recordings;

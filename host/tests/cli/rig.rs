@@ -103,6 +103,11 @@ pub(crate) struct Emulator {
 
 impl Emulator {
     pub(crate) fn start(folder: &Folder) -> Self {
+        Self::start_with(folder, &[])
+    }
+
+    /// With more arguments.
+    pub(crate) fn start_with(folder: &Folder, extra: &[&str]) -> Self {
         let args = [
             "emulate",
             "robot",
@@ -111,7 +116,7 @@ impl Emulator {
             "--json",
             "--quiet",
         ];
-        let mut child = command(folder, &args)
+        let mut child = command(folder, &[&args, extra].concat())
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
@@ -125,6 +130,13 @@ impl Emulator {
             child,
             address: uri.trim_start_matches("tcp://").to_owned(),
         }
+    }
+
+    /// Ctrl-C, and wait until it has ended.
+    pub(crate) fn interrupt(mut self) {
+        let id = self.child.id().to_string();
+        let sent = Command::new("kill").args(["-INT", &id]).status().unwrap();
+        assert!(sent.success() && self.child.wait().unwrap().success());
     }
 
     pub(crate) fn uri(&self) -> String {
