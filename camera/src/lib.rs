@@ -5,6 +5,7 @@
 //! equations (6) to (8), [`picture`] draws them, [`sync`] lays a film on the clock of the robot. Nothing here opens files: bytes in, bytes out.
 
 pub mod depth;
+mod outline;
 pub mod picture;
 mod silhouette;
 pub mod similarity;
@@ -12,6 +13,7 @@ mod solid;
 pub mod sync;
 mod view;
 
+pub use outline::{MetaModule, Scratch};
 pub use silhouette::Silhouette;
 pub use solid::Solid;
 pub use view::{View, ViewError};

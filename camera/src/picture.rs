@@ -43,11 +43,12 @@ pub fn silhouette_png(frame: &Silhouette) -> Result<Vec<u8>, PictureError> {
     encoder.set_color(png::ColorType::Grayscale);
     encoder.set_depth(png::BitDepth::One);
     let row_bytes = frame.width().div_ceil(8);
-    let mut data = vec![0u8; row_bytes * frame.height()];
+    let mut data = Vec::with_capacity(row_bytes * frame.height());
     for y in 0..frame.height() {
-        for x in (0..frame.width()).filter(|&x| frame.get(x, y)) {
-            data[y * row_bytes + x / 8] |= 0x80 >> (x % 8);
-        }
+        // PNG has the leftmost pixel in the highest bit.
+        let row = frame.row_words(y);
+        let row = row.iter().flat_map(|word| word.to_le_bytes());
+        data.extend(row.map(u8::reverse_bits).take(row_bytes));
     }
     encoder.write_header()?.write_image_data(&data)?;
     Ok(bytes)
@@ -59,7 +60,12 @@ pub fn silhouette_png(frame: &Silhouette) -> Result<Vec<u8>, PictureError> {
 /// When it is no PNG or not grey scale.
 pub fn read_silhouette_png(bytes: &[u8]) -> Result<Silhouette, PictureError> {
     let mut decoder = png::Decoder::new(std::io::Cursor::new(bytes));
-    decoder.set_transformations(png::Transformations::EXPAND | png::Transformations::STRIP_16);
+    let packed = decoder.read_header_info()?.bit_depth == png::BitDepth::One;
+    decoder.set_transformations(if packed {
+        png::Transformations::IDENTITY
+    } else {
+        png::Transformations::EXPAND | png::Transformations::STRIP_16
+    });
     let mut reader = decoder.read_info()?;
     let mut data = vec![0; reader.output_buffer_size().unwrap_or(0)];
     let info = reader.next_frame(&mut data)?;
@@ -68,19 +74,27 @@ pub fn read_silhouette_png(bytes: &[u8]) -> Result<Silhouette, PictureError> {
             found: info.color_type,
         });
     }
-    let (width, height) = (info.width as usize, info.height as usize);
-    let mut frame = Silhouette::new(width, height);
-    for (y, row) in data.chunks_exact(info.line_size).take(height).enumerate() {
-        for (x, _) in row
-            .iter()
-            .take(width)
-            .enumerate()
-            .filter(|(_, grey)| **grey >= 128)
-        {
-            frame.fill(y, x, x + 1);
+    let mut frame = Silhouette::new(info.width as usize, info.height as usize);
+    let mut words = Vec::new();
+    for (y, row) in data.chunks_exact(info.line_size).enumerate() {
+        words.clear();
+        if packed {
+            words.extend(row.chunks(8).map(|bytes| {
+                bytes
+                    .iter()
+                    .rev()
+                    .fold(0, |word, byte| word << 8 | u64::from(byte.reverse_bits()))
+            }));
+        } else {
+            words.extend(row.chunks(64).map(|grey| {
+                grey.iter()
+                    .rev()
+                    .fold(0, |word, &grey| word << 1 | u64::from(grey >= 128))
+            }));
         }
+        frame.mark_words(y, &words);
     }
-    Ok(frame)
+    Ok(frame.cropped())
 }
 
 /// The colours of one overlaid frame, three bytes per pixel.

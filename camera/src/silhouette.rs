@@ -1,24 +1,97 @@
 //! One frame of the robot's outline: one bit per pixel.
 
 /// A bitmap, row by row from the top left; a set bit is robot.
-#[derive(Clone, Debug, PartialEq, Eq)]
+///
+/// The area and the box that holds all robot pixels are kept up to date, so that counting looks at the box alone, and
+/// [`Silhouette::cropped`] stores no more than the box.
+#[derive(Clone, Debug)]
 pub struct Silhouette {
     width: usize,
     height: usize,
-    words_per_row: usize,
+    /// What `words` covers.
+    stored: Block,
     words: Vec<u64>,
+    /// Smallest block of words around all robot pixels.
+    robot: Block,
+    area_px: u32,
 }
+
+/// Rows `top..bottom` and columns of 64 pixels `left..right`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Block {
+    top: usize,
+    bottom: usize,
+    left: usize,
+    right: usize,
+}
+
+impl Block {
+    const EMPTY: Block = Block {
+        top: usize::MAX,
+        bottom: 0,
+        left: usize::MAX,
+        right: 0,
+    };
+
+    fn words_per_row(self) -> usize {
+        self.right.saturating_sub(self.left)
+    }
+
+    fn rows(self) -> usize {
+        self.bottom.saturating_sub(self.top)
+    }
+
+    fn include(&mut self, other: Block) {
+        self.top = self.top.min(other.top);
+        self.bottom = self.bottom.max(other.bottom);
+        self.left = self.left.min(other.left);
+        self.right = self.right.max(other.right);
+    }
+
+    fn holds(self, other: Block) -> bool {
+        self.top <= other.top
+            && other.bottom <= self.bottom
+            && self.left <= other.left
+            && other.right <= self.right
+    }
+
+    fn overlap(self, other: Block) -> Block {
+        Block {
+            top: self.top.max(other.top),
+            bottom: self.bottom.min(other.bottom),
+            left: self.left.max(other.left),
+            right: self.right.min(other.right),
+        }
+    }
+}
+
+impl PartialEq for Silhouette {
+    /// Same size and same pixels.
+    fn eq(&self, other: &Self) -> bool {
+        self.overlap_and_union_px(other)
+            .is_some_and(|(overlap, union)| overlap == union)
+    }
+}
+
+impl Eq for Silhouette {}
 
 impl Silhouette {
     /// An empty frame.
     #[must_use]
     pub fn new(width: usize, height: usize) -> Self {
-        let words_per_row = width.div_ceil(64);
+        let stored = Block {
+            top: 0,
+            bottom: height,
+            left: 0,
+            right: width.div_ceil(64),
+        };
         Self {
             width,
             height,
-            words_per_row,
-            words: vec![0; words_per_row * height],
+            stored,
+            words: vec![0; stored.words_per_row() * height],
+            robot: Block::EMPTY,
+            area_px: 0,
         }
     }
 
@@ -34,12 +107,67 @@ impl Silhouette {
         self.height
     }
 
+    /// The same frame that stores only what the robot covers: a film of a 0.4 m robot in a Kinect's frame needs a tenth.
+    #[must_use]
+    pub fn cropped(&self) -> Self {
+        let robot = self.robot;
+        let rows = (robot.top..robot.bottom).flat_map(|y| self.row(y, robot.left, robot.right));
+        Self {
+            stored: robot,
+            words: rows.copied().collect(),
+            ..Self {
+                words: Vec::new(),
+                ..*self
+            }
+        }
+    }
+
+    /// Make the frame empty again.
+    pub fn clear(&mut self) {
+        for y in self.robot.top..self.robot.bottom {
+            let (left, right) = (self.robot.left, self.robot.right);
+            self.row_mut(y, left, right).fill(0);
+        }
+        self.robot = Block::EMPTY;
+        self.area_px = 0;
+    }
+
     /// Whether the pixel is robot; outside the frame nothing is.
     #[must_use]
     pub fn get(&self, x: usize, y: usize) -> bool {
-        x < self.width
-            && y < self.height
-            && self.words[y * self.words_per_row + x / 64] >> (x % 64) & 1 == 1
+        let b = self.robot;
+        let inside = (b.top..b.bottom).contains(&y) && (b.left..b.right).contains(&(x / 64));
+        inside && self.row(y, x / 64, x / 64 + 1)[0] >> (x % 64) & 1 == 1
+    }
+
+    /// The pixels of row `y`, 64 to a word, the lowest bit leftmost.
+    #[must_use]
+    pub fn row_words(&self, y: usize) -> Vec<u64> {
+        let mut row = vec![0; self.width.div_ceil(64)];
+        if (self.robot.top..self.robot.bottom).contains(&y) {
+            let (left, right) = (self.robot.left, self.robot.right);
+            row[left..right].copy_from_slice(self.row(y, left, right));
+        }
+        row
+    }
+
+    /// Mark the robot pixels of row `y`, given as [`Silhouette::row_words`] gives them; what stands outside the frame is ignored.
+    pub fn mark_words(&mut self, y: usize, words: &[u64]) {
+        if y >= self.height {
+            return;
+        }
+        let count = self.width.div_ceil(64);
+        for (column, &word) in words.iter().enumerate().take(count) {
+            let past = (column + 1) * 64;
+            let inside = if past > self.width {
+                u64::MAX >> (past - self.width)
+            } else {
+                u64::MAX
+            };
+            if word & inside != 0 {
+                self.mark(y, column, &[word & inside]);
+            }
+        }
     }
 
     /// Mark pixels `from..to` of row `y`; parts outside the frame are ignored.
@@ -48,23 +176,72 @@ impl Silhouette {
         if y >= self.height || from >= to {
             return;
         }
-        let row = &mut self.words[y * self.words_per_row..][..self.words_per_row];
         let (first, last) = (from / 64, (to - 1) / 64);
         let head = u64::MAX << (from % 64);
         let tail = u64::MAX >> (63 - (to - 1) % 64);
         if first == last {
-            row[first] |= head & tail;
+            self.mark(y, first, &[head & tail]);
             return;
         }
-        row[first] |= head;
-        row[first + 1..last].fill(u64::MAX);
-        row[last] |= tail;
+        self.mark(y, first, &[head]);
+        for column in first + 1..last {
+            self.mark(y, column, &[u64::MAX]);
+        }
+        self.mark(y, last, &[tail]);
+    }
+
+    /// Set bits in the words of row `y` from `column` on; both inside the frame.
+    #[inline]
+    fn mark(&mut self, y: usize, column: usize, bits: &[u64]) {
+        let here = Block {
+            top: y,
+            bottom: y + 1,
+            left: column,
+            right: column + bits.len(),
+        };
+        if !self.stored.holds(here) {
+            self.store_all();
+        }
+        self.robot.include(here);
+        let mut added = 0;
+        let words = self.row_mut(y, here.left, here.right);
+        for (word, bits) in words.iter_mut().zip(bits) {
+            added += (bits & !*word).count_ones();
+            *word |= bits;
+        }
+        self.area_px += added;
+    }
+
+    /// Store the whole frame again after [`Silhouette::cropped`].
+    #[cold]
+    fn store_all(&mut self) {
+        let mut whole = Self::new(self.width, self.height);
+        let Block { left, right, .. } = self.robot;
+        for y in self.robot.top..self.robot.bottom {
+            whole
+                .row_mut(y, left, right)
+                .copy_from_slice(self.row(y, left, right));
+        }
+        (self.stored, self.words) = (whole.stored, whole.words);
+    }
+
+    /// Words `left..right` of row `y`, inside the stored block.
+    #[inline]
+    fn row(&self, y: usize, left: usize, right: usize) -> &[u64] {
+        let start = (y - self.stored.top) * self.stored.words_per_row();
+        &self.words[start + left - self.stored.left..start + right - self.stored.left]
+    }
+
+    #[inline]
+    fn row_mut(&mut self, y: usize, left: usize, right: usize) -> &mut [u64] {
+        let start = (y - self.stored.top) * self.stored.words_per_row();
+        &mut self.words[start + left - self.stored.left..start + right - self.stored.left]
     }
 
     /// Area in pixels.
     #[must_use]
     pub fn area_px(&self) -> u32 {
-        self.words.iter().map(|word| word.count_ones()).sum()
+        self.area_px
     }
 
     /// Overlap and union with another frame, in pixels; `None` when the sizes differ.
@@ -73,57 +250,97 @@ impl Silhouette {
         if (self.width, self.height) != (other.width, other.height) {
             return None;
         }
-        let pairs = self.words.iter().zip(&other.words);
-        Some(pairs.fold((0, 0), |(overlap, union), (a, b)| {
-            (overlap + (a & b).count_ones(), union + (a | b).count_ones())
-        }))
+        let common = self.robot.overlap(other.robot);
+        let mut overlap = 0;
+        if common.rows() > 0 && common.words_per_row() > 0 {
+            for y in common.top..common.bottom {
+                let a = self.row(y, common.left, common.right);
+                let b = other.row(y, common.left, common.right);
+                overlap += a
+                    .iter()
+                    .zip(b)
+                    .map(|(a, b)| (a & b).count_ones())
+                    .sum::<u32>();
+            }
+        }
+        Some((overlap, self.area_px + other.area_px - overlap))
     }
 
     /// Centre of the area in pixels; `None` for an empty frame.
     #[must_use]
     pub fn centre_px(&self) -> Option<(f64, f64)> {
-        let (mut n, mut sx, mut sy) = (0u64, 0u64, 0u64);
-        for y in 0..self.height {
-            for x in (0..self.width).filter(|&x| self.get(x, y)) {
-                n += 1;
+        let (mut sx, mut sy) = (0u64, 0u64);
+        for y in self.robot.top..self.robot.bottom {
+            let columns = self.robot.left * 64..self.robot.right * 64;
+            for x in columns.filter(|&x| self.get(x, y)) {
                 sx += x as u64;
                 sy += y as u64;
             }
         }
-        (n > 0).then(|| (sx as f64 / n as f64 + 0.5, sy as f64 / n as f64 + 0.5))
+        let n = f64::from(self.area_px);
+        (self.area_px > 0).then(|| (sx as f64 / n + 0.5, sy as f64 / n + 0.5))
     }
 
-    /// Fill a convex polygon given by points in any order (their hull); a pixel belongs when its centre lies inside.
-    pub fn fill_hull(&mut self, points: &mut Vec<[f32; 2]>) {
-        convex_hull(points);
-        if points.len() < 3 {
-            return;
-        }
+    /// Fill a convex polygon given by its corners in order, either way round; a pixel belongs when its centre lies inside.
+    pub fn fill_convex(&mut self, corners: &[[f32; 2]], spans: &mut Vec<[f32; 2]>) {
         let (mut top, mut bottom) = (f32::INFINITY, f32::NEG_INFINITY);
-        for p in points.iter() {
+        for p in corners {
             top = top.min(p[1]);
             bottom = bottom.max(p[1]);
         }
-        let first = (top - 0.5).ceil().max(0.0) as usize;
-        let end = ((bottom - 0.5).floor() + 1.0).clamp(0.0, self.height as f32) as usize;
-        for y in first..end {
-            let line = y as f32 + 0.5;
-            let (mut left, mut right) = (f32::INFINITY, f32::NEG_INFINITY);
-            for (i, &a) in points.iter().enumerate() {
-                let b = points[(i + 1) % points.len()];
-                if (a[1] <= line) != (b[1] <= line) {
-                    let x = a[0] + (line - a[1]) / (b[1] - a[1]) * (b[0] - a[0]);
-                    left = left.min(x);
-                    right = right.max(x);
-                }
-            }
-            if left < right {
-                let from = (left - 0.5).ceil().max(0.0) as usize;
-                let to = ((right - 0.5).floor() + 1.0).max(0.0) as usize;
-                self.fill(y, from, to);
-            }
+        let limit = self.height as f32;
+        // Rows whose centre line lies in the polygon.
+        let first = ceil(top.clamp(0.0, limit) - 0.5);
+        let end = ceil(bottom.clamp(0.0, limit) - 0.5);
+        if corners.len() < 3 || first >= end {
+            return;
+        }
+        spans.clear();
+        spans.resize((end - first) as usize, [f32::INFINITY, f32::NEG_INFINITY]);
+        let mut before = corners[corners.len() - 1];
+        for &corner in corners {
+            edge_into_spans(before, corner, first, spans);
+            before = corner;
+        }
+        let width = self.width as f32;
+        for (k, [left, right]) in spans.iter().enumerate() {
+            let from = ceil(left.clamp(0.0, width) - 0.5);
+            let to = ceil(right.clamp(0.0, width) - 0.5);
+            self.fill(first as usize + k, from as usize, to as usize);
         }
     }
+
+    /// Fill the hull of points in any order; a pixel belongs when its centre lies inside.
+    pub fn fill_hull(&mut self, points: &mut Vec<[f32; 2]>, spans: &mut Vec<[f32; 2]>) {
+        convex_hull(points);
+        self.fill_convex(points, spans);
+    }
+}
+
+/// Widens the span of every row whose centre line the edge crosses; `spans` begins at row `first`.
+fn edge_into_spans(a: [f32; 2], b: [f32; 2], first: i32, spans: &mut [[f32; 2]]) {
+    let (upper, lower) = if a[1] <= b[1] { (a, b) } else { (b, a) };
+    let end = first + spans.len() as i32;
+    let limit = end as f32 + 1.0;
+    let from = ceil(upper[1].clamp(-1.0, limit) - 0.5).max(first);
+    let to = ceil(lower[1].clamp(-1.0, limit) - 0.5).min(end);
+    if from >= to {
+        return;
+    }
+    let slope = (lower[0] - upper[0]) / (lower[1] - upper[1]);
+    for row in from..to {
+        let x = upper[0] + (row as f32 + 0.5 - upper[1]) * slope;
+        let span = &mut spans[(row - first) as usize];
+        span[0] = span[0].min(x);
+        span[1] = span[1].max(x);
+    }
+}
+
+/// Smallest whole number not below `x`, without a call into the platform's library; `x` within the range of i32.
+#[inline]
+fn ceil(x: f32) -> i32 {
+    let cut = x as i32;
+    cut + i32::from(x > cut as f32)
 }
 
 /// Andrew's monotone chain: keep the hull, counter-clockwise in a y-up frame.

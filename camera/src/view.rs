@@ -109,11 +109,21 @@ impl View {
     /// Where a world point appears; `None` at or above the camera.
     #[must_use]
     pub fn project(&self, p_m: Vec3) -> Option<[f32; 2]> {
-        let (sin, cos) = (libm::sinf(self.yaw_rad), libm::cosf(self.yaw_rad));
+        let (sin, cos) = self.turn();
         self.project_turned(p_m, sin, cos)
     }
 
-    fn project_turned(&self, p_m: Vec3, sin: f32, cos: f32) -> Option<[f32; 2]> {
+    /// Where the camera is, m.
+    pub(crate) fn eye_m(&self) -> Vec3 {
+        Vec3::new(self.x_m, self.y_m, self.height_m)
+    }
+
+    /// Sine and cosine of the yaw.
+    pub(crate) fn turn(&self) -> (f32, f32) {
+        (libm::sinf(self.yaw_rad), libm::cosf(self.yaw_rad))
+    }
+
+    pub(crate) fn project_turned(&self, p_m: Vec3, sin: f32, cos: f32) -> Option<[f32; 2]> {
         let depth_m = self.height_m - p_m.z;
         if depth_m <= 0.0 {
             return None;
@@ -130,8 +140,8 @@ impl View {
     #[must_use]
     pub fn render(&self, solids: &[Solid], poses: &[Pose]) -> Silhouette {
         let mut frame = Silhouette::new(self.width_px, self.height_px);
-        let (sin, cos) = (libm::sinf(self.yaw_rad), libm::cosf(self.yaw_rad));
-        let mut outline = Vec::new();
+        let (sin, cos) = self.turn();
+        let (mut outline, mut spans) = (Vec::new(), Vec::new());
         for solid in solids {
             let Some(pose) = poses.get(solid.body) else {
                 continue;
@@ -139,7 +149,7 @@ impl View {
             outline.clear();
             let world = solid.points_m.iter().map(|&p| pose.transform(p));
             outline.extend(world.filter_map(|p| self.project_turned(p, sin, cos)));
-            frame.fill_hull(&mut outline);
+            frame.fill_hull(&mut outline, &mut spans);
         }
         frame
     }
