@@ -153,6 +153,14 @@ impl SimulatedMotions {
             duration_s: self.duration_s,
         })
     }
+
+    fn bodies_at(&self, job: &MotionJob<'_>, outcome: &Outcome) -> Motion {
+        let angles = outcome.angles_rad.as_chunks::<JOINTS>().0;
+        let samples = job.times.samples(FILM_RATE_HZ);
+        samples
+            .map_while(|k| Some(pose(&self.robot, outcome.poses.get(k)?, angles.get(k)?)))
+            .collect()
+    }
 }
 
 /// Body poses of every recorded sample of a trial that recorded its link angles.
@@ -179,34 +187,35 @@ fn pose(robot: &RobotModel, base: &physics::Pose, angles_rad: &[f32; JOINTS]) ->
 }
 
 impl MotionTrials for SimulatedMotions {
-    fn rate_hz(&self) -> f64 {
-        FILM_RATE_HZ
-    }
-
     fn run(&self, jobs: &[MotionJob<'_>]) -> Vec<Option<Motion>> {
-        let trials: Vec<Option<Trial>> = jobs.iter().map(|job| self.trial(job)).collect();
-        let possible: Vec<Trial> = trials.iter().flatten().cloned().collect();
-        let mut outcomes = run_all(self.level, &possible, &self.options).into_iter();
-        let next = |trial: &Option<Trial>| {
-            trial.as_ref()?;
-            let outcome = outcomes.next()?;
-            outcome
-                .not_finite
-                .is_none()
-                .then(|| bodies(&self.robot, &outcome))
+        let run = |jobs: &[MotionJob<'_>]| {
+            let trials: Vec<Option<Trial>> = jobs.iter().map(|job| self.trial(job)).collect();
+            let possible: Vec<Trial> = trials.iter().flatten().cloned().collect();
+            let mut outcomes = run_group(self.level, &possible, &self.options).into_iter();
+            let motion = |(trial, job): (&Option<Trial>, &MotionJob<'_>)| {
+                trial.as_ref()?;
+                let outcome = outcomes.next().filter(|o| o.not_finite.is_none())?;
+                Some(self.bodies_at(job, &outcome))
+            };
+            trials.iter().zip(jobs).map(motion).collect::<Vec<_>>()
         };
-        trials.iter().map(next).collect()
+        let groups = jobs.par_chunks(self.level.lanes());
+        groups.flat_map_iter(run).collect()
     }
 }
 
 /// All trials in order; groups of lanes go to the threads of the current pool.
 fn run_all(level: Level, trials: &[Trial], options: &Options) -> Vec<Outcome> {
-    // Settings are ours and gaits have the robot's joints, so a refusal means a structure without outcomes: none are given.
-    let run = |group: &[Trial]| physics::run_at(level, group, options).unwrap_or_default();
-    trials
-        .par_chunks(level.lanes())
-        .flat_map_iter(run)
+    let groups = trials.par_chunks(level.lanes());
+    groups
+        .flat_map_iter(|group| run_group(level, group, options))
         .collect()
+}
+
+/// Trials that fit the lanes, on this thread.
+fn run_group(level: Level, trials: &[Trial], options: &Options) -> Vec<Outcome> {
+    // Settings are ours and gaits have the robot's joints, so a refusal means a structure without outcomes: none are given.
+    physics::run_at(level, trials, options).unwrap_or_default()
 }
 
 /// Rotation matrix of a unit quaternion, w first.

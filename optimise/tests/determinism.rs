@@ -4,7 +4,8 @@
 use control::robot::RobotModel;
 use files::model::Model;
 use optimise::meta::{
-    FilmMaker, FilmSettings, FilmedGait, Fit, Likeness, MotionJob, MotionTrials, rows_of,
+    FilmMaker, FilmSettings, FilmedGait, Fit, FrameTimes, Likeness, MotionJob, MotionTrials,
+    rows_of,
 };
 use optimise::score::ScoreSettings;
 use optimise::search::Search;
@@ -125,6 +126,13 @@ fn filmed(level: Level) -> FilmedGait {
     let job = MotionJob {
         gait: &gait,
         parameters: &rows,
+        // The whole motion, from the start of the gait.
+        times: FrameTimes {
+            rate_hz: 30.0,
+            frames: 30 * (DURATION_S as usize + 1),
+            stride: 1,
+            shift_s: 0.0,
+        },
     };
     let motion = motions(level).run(&[job]).remove(0).unwrap();
     let frames = (DURATION_S * 30.0) as usize;

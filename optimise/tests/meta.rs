@@ -16,12 +16,13 @@ use optimise::table2::ROWS;
 struct Drift;
 
 impl MotionTrials for Drift {
-    fn rate_hz(&self) -> f64 {
-        30.0
-    }
-
     fn run(&self, jobs: &[MotionJob<'_>]) -> Vec<Option<Motion>> {
-        jobs.iter().map(|job| drift(job.parameters)).collect()
+        let at_times = |job: &MotionJob<'_>| {
+            let whole = drift(job.parameters)?;
+            let samples = job.times.samples(30.0);
+            Some(samples.map_while(|k| whole.get(k).copied()).collect())
+        };
+        jobs.iter().map(at_times).collect()
     }
 }
 

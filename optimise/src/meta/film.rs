@@ -1,0 +1,252 @@
+//! The robot's films, and simulated ones through the candidate's camera.
+
+use super::MetaError;
+use crate::table2::ROWS;
+use camera::similarity::{gait_weight, repeatability};
+use camera::{MetaModule, Scratch, Silhouette, View, ViewError};
+use control::gait::Gait;
+use control::linalg::Pose;
+use control::robot::{BODIES, RobotModel};
+use serde::{Deserialize, Serialize};
+
+/// Index of the camera height in Table II.
+const CAMERA_HEIGHT: usize = 20;
+/// Index of the time shift in Table II.
+const TIME_SHIFT: usize = 21;
+
+/// Every `stride`-th instant of a film, seen from the simulation: S(t + s) of equation (6).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameTimes {
+    /// Frames per second of the film.
+    pub rate_hz: f64,
+    /// Frames of the film.
+    pub frames: usize,
+    /// Every how many frames one is wanted; at least 1.
+    pub stride: usize,
+    /// Time shift, s.
+    pub shift_s: f64,
+}
+
+impl FrameTimes {
+    /// The instants, s from the start of the gait.
+    pub fn iter(&self) -> impl Iterator<Item = f64> + use<> {
+        let Self {
+            rate_hz, shift_s, ..
+        } = *self;
+        let frames = (0..self.frames).step_by(self.stride.max(1));
+        frames.map(move |k| k as f64 / rate_hz + shift_s)
+    }
+
+    /// The sample of a motion recorded at `rate_hz` nearest to each instant; negative instants take the first sample.
+    pub fn samples(&self, rate_hz: f64) -> impl Iterator<Item = usize> + use<> {
+        self.iter()
+            .map(move |t_s| (t_s * rate_hz + 0.5).max(0.0) as usize)
+    }
+}
+
+/// One simulated motion to make.
+#[derive(Clone, Copy, Debug)]
+pub struct MotionJob<'a> {
+    /// The gait to play, without noise.
+    pub gait: &'a Gait,
+    /// Values of all rows of Table II.
+    pub parameters: &'a [f64; ROWS],
+    /// Instants at which the bodies are wanted.
+    pub times: FrameTimes,
+}
+
+/// Body poses in the world, one set per instant; ends early where the simulation does.
+pub type Motion = Vec<[Pose; BODIES]>;
+
+/// Something that simulates motions; the result of a job depends on that job alone.
+pub trait MotionTrials {
+    /// Motions in the order of the jobs; `None` where a number was lost.
+    fn run(&self, jobs: &[MotionJob<'_>]) -> Vec<Option<Motion>>;
+}
+
+/// What was filmed of one gait on the robot.
+#[derive(Clone, Debug)]
+pub struct FilmedGait {
+    /// The gait.
+    pub gait: Gait,
+    /// One film per trial.
+    pub films: Vec<Vec<Silhouette>>,
+    /// Where body 3 began, in the camera's world, m; simulated motions begin at 0, 0.
+    pub start_m: [f32; 2],
+    /// W_gait, equation (7).
+    pub weight: f64,
+    /// Whether the fit may see it.
+    pub training: bool,
+}
+
+impl FilmedGait {
+    /// Weigh a gait by its mean speed and the likeness of its trials.
+    ///
+    /// # Errors
+    /// With fewer than two trials, films that do not compare, or a film that never shows the robot.
+    pub fn new(
+        gait: Gait,
+        films: Vec<Vec<Silhouette>>,
+        start_m: [f32; 2],
+        mean_speed_m_s: f64,
+        training: bool,
+    ) -> Result<Self, MetaError> {
+        let unseen = |film: &Vec<Silhouette>| film.iter().all(|frame| frame.area_px() == 0);
+        if let Some(trial) = films.iter().position(unseen) {
+            return Err(MetaError::NeverSeen { trial: trial + 1 });
+        }
+        let trials: Vec<&[Silhouette]> = films.iter().map(Vec::as_slice).collect();
+        let weight = gait_weight(mean_speed_m_s, repeatability(&trials)?);
+        Ok(Self {
+            gait,
+            films,
+            start_m,
+            weight,
+            training,
+        })
+    }
+
+    /// Share of the frames of all films that show the robot.
+    #[must_use]
+    pub fn share_seen(&self) -> f64 {
+        let frames = || self.films.iter().flatten();
+        let seen = frames().filter(|frame| frame.area_px() > 0).count();
+        seen as f64 / frames().count().max(1) as f64
+    }
+
+    /// Frames of the longest film.
+    #[must_use]
+    pub fn frames(&self) -> usize {
+        self.films.iter().map(Vec::len).max().unwrap_or(0)
+    }
+}
+
+/// The real camera and how finely the search looks.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FilmSettings {
+    /// Frames per second of the robot's films.
+    pub rate_hz: f64,
+    /// Camera position over the ground, m.
+    pub x_m: f32,
+    /// Camera position over the ground, m.
+    pub y_m: f32,
+    /// Camera yaw, rad.
+    pub yaw_rad: f32,
+    /// Frame size of the films, px.
+    pub width_px: usize,
+    /// Frame size of the films, px.
+    pub height_px: usize,
+    /// Focal length at that frame size, px.
+    pub focal_px: f32,
+    /// Every how many frames of the robot's film are compared.
+    pub stride: usize,
+}
+
+/// The virtual camera and what stands before it.
+#[derive(Clone, Debug)]
+pub struct FilmMaker {
+    settings: FilmSettings,
+    robot: MetaModule,
+}
+
+impl FilmMaker {
+    /// A camera over a meta-module.
+    #[must_use]
+    pub fn new(settings: FilmSettings, robot: &RobotModel) -> Self {
+        Self {
+            settings,
+            robot: MetaModule::new(robot),
+        }
+    }
+
+    /// How finely the search looks.
+    #[must_use]
+    pub fn settings(&self) -> &FilmSettings {
+        &self.settings
+    }
+
+    /// The instants at which a film of `frames` frames sees a simulation with these parameters.
+    #[must_use]
+    pub fn times(&self, parameters: &[f64; ROWS], frames: usize, stride: usize) -> FrameTimes {
+        FrameTimes {
+            rate_hz: self.settings.rate_hz,
+            frames,
+            stride: stride.max(1),
+            shift_s: parameters[TIME_SHIFT],
+        }
+    }
+
+    /// The film of a whole motion recorded at `rate_hz`, begun at `start_m`: S(t + s) at the times t of `frames` frames, every
+    /// `stride`-th of them; times past the end of the motion are left out.
+    ///
+    /// # Errors
+    /// When the camera height is impossible.
+    pub fn film(
+        &self,
+        motion: &[[Pose; BODIES]],
+        rate_hz: f64,
+        parameters: &[f64; ROWS],
+        frames: usize,
+        stride: usize,
+        start_m: [f32; 2],
+    ) -> Result<Vec<Silhouette>, ViewError> {
+        let times = self.times(parameters, frames, stride);
+        let poses = times
+            .samples(rate_hz)
+            .map_while(|sample| motion.get(sample));
+        let mut film = Vec::new();
+        self.show(
+            poses,
+            parameters,
+            start_m,
+            &mut Canvas::default(),
+            |_, frame| film.push(frame.cropped()),
+        )?;
+        Ok(film)
+    }
+
+    /// Draws poses one after the other and shows each frame with its index.
+    pub(super) fn show<'a>(
+        &self,
+        poses: impl IntoIterator<Item = &'a [Pose; BODIES]>,
+        parameters: &[f64; ROWS],
+        start_m: [f32; 2],
+        canvas: &mut Canvas,
+        mut look: impl FnMut(usize, &Silhouette),
+    ) -> Result<(), ViewError> {
+        let view = self.view(parameters, start_m)?;
+        let (width, height) = view.size_px();
+        let frame = canvas
+            .frame
+            .get_or_insert_with(|| Silhouette::new(width, height));
+        for (k, poses) in poses.into_iter().enumerate() {
+            frame.clear();
+            view.draw(&self.robot, poses, frame, &mut canvas.scratch);
+            look(k, frame);
+        }
+        Ok(())
+    }
+
+    /// The camera of these parameters over a motion that began at `start_m`.
+    ///
+    /// # Errors
+    /// When its height is impossible.
+    pub fn view(&self, parameters: &[f64; ROWS], start_m: [f32; 2]) -> Result<View, ViewError> {
+        let s = &self.settings;
+        let height_m = parameters[CAMERA_HEIGHT] as f32;
+        View::new(
+            height_m,
+            (s.x_m - start_m[0], s.y_m - start_m[1]),
+            s.yaw_rad,
+            (s.width_px, s.height_px),
+            s.focal_px,
+        )
+    }
+}
+
+/// Memory used again from frame to frame, one per thread and frame size.
+#[derive(Debug, Default)]
+pub(super) struct Canvas {
+    frame: Option<Silhouette>,
+    scratch: Scratch,
+}
