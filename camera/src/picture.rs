@@ -80,16 +80,15 @@ pub fn read_silhouette_png(bytes: &[u8]) -> Result<Silhouette, PictureError> {
         words.clear();
         if packed {
             words.extend(row.chunks(8).map(|bytes| {
-                bytes
-                    .iter()
-                    .rev()
-                    .fold(0, |word, byte| word << 8 | u64::from(byte.reverse_bits()))
+                let mut eight = [0; 8];
+                eight[..bytes.len()].copy_from_slice(bytes);
+                // PNG has the leftmost pixel in the highest bit of the first byte.
+                u64::from_be_bytes(eight).reverse_bits()
             }));
         } else {
             words.extend(row.chunks(64).map(|grey| {
-                grey.iter()
-                    .rev()
-                    .fold(0, |word, &grey| word << 1 | u64::from(grey >= 128))
+                let bits = grey.iter().rev().map(|&grey| u64::from(grey >= 128));
+                bits.fold(0, |word, bit| word << 1 | bit)
             }));
         }
         frame.mark_words(y, &words);

@@ -213,6 +213,30 @@ fn pictures_read_back_and_show_the_papers_colours() {
     assert!(picture::read_silhouette_png(&png[..40]).is_err());
 }
 
+/// Widths that end inside a byte and inside a word, as 1-bit and as 8-bit pictures.
+#[test]
+fn pictures_of_any_width_read_back() {
+    for width in [1, 7, 8, 63, 64, 65, 70, 130] {
+        let mut frame = Silhouette::new(width, 5);
+        frame.fill(1, 0, width);
+        frame.fill(2, width / 3, width / 2 + 1);
+        frame.fill(4, width - 1, width);
+        let png = picture::silhouette_png(&frame).unwrap();
+        assert_eq!(picture::read_silhouette_png(&png).unwrap(), frame);
+        let mut grey = Vec::new();
+        let mut encoder = png::Encoder::new(&mut grey, width as u32, 5);
+        encoder.set_color(png::ColorType::Grayscale);
+        let pixels = (0..5).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let data: Vec<u8> = pixels
+            .map(|(x, y)| if frame.get(x, y) { 128 } else { 127 })
+            .collect();
+        let mut writer = encoder.write_header().unwrap();
+        writer.write_image_data(&data).unwrap();
+        drop(writer);
+        assert_eq!(picture::read_silhouette_png(&grey).unwrap(), frame);
+    }
+}
+
 /// Lying at home the four cubes make one bar of four cut squares side by side.
 #[test]
 fn the_meta_module_at_home_is_a_bar_of_four_cubes() {

@@ -154,18 +154,21 @@ impl SimulatedMotions {
         })
     }
 
-    fn bodies_at(&self, job: &MotionJob<'_>, outcome: &Outcome) -> Motion {
+    fn motion(&self, job: &MotionJob<'_>, outcome: &Outcome) -> Option<Motion> {
         let angles = outcome.angles_rad.as_chunks::<JOINTS>().0;
         let samples = job.times.samples(FILM_RATE_HZ);
-        samples
-            .map_while(|k| Some(pose(&self.robot, outcome.poses.get(k)?, angles.get(k)?)))
-            .collect()
+        let bodies =
+            samples.map_while(|k| Some(pose(&self.robot, outcome.poses.get(k)?, angles.get(k)?)));
+        Some(Motion {
+            start: base_pose(outcome.poses.first()?),
+            bodies: bodies.collect(),
+        })
     }
 }
 
 /// Body poses of every recorded sample of a trial that recorded its link angles.
 #[must_use]
-pub fn bodies(robot: &RobotModel, outcome: &Outcome) -> Motion {
+pub fn bodies(robot: &RobotModel, outcome: &Outcome) -> Vec<[Pose; BODIES]> {
     let samples = outcome
         .poses
         .iter()
@@ -176,14 +179,19 @@ pub fn bodies(robot: &RobotModel, outcome: &Outcome) -> Motion {
 }
 
 fn pose(robot: &RobotModel, base: &physics::Pose, angles_rad: &[f32; JOINTS]) -> [Pose; BODIES] {
+    *kinematics::forward(robot, angles_rad)
+        .rebased(3, &base_pose(base))
+        .bodies()
+}
+
+/// The simulator's pose of body 3 as a pose of the law.
+#[must_use]
+pub fn base_pose(base: &physics::Pose) -> Pose {
     let [x, y, z] = base.position_m;
-    let base = Pose {
+    Pose {
         position_m: Vec3::new(x, y, z),
         rotation: rotation(base.quaternion),
-    };
-    *kinematics::forward(robot, angles_rad)
-        .rebased(3, &base)
-        .bodies()
+    }
 }
 
 impl MotionTrials for SimulatedMotions {
@@ -195,7 +203,7 @@ impl MotionTrials for SimulatedMotions {
             let motion = |(trial, job): (&Option<Trial>, &MotionJob<'_>)| {
                 trial.as_ref()?;
                 let outcome = outcomes.next().filter(|o| o.not_finite.is_none())?;
-                Some(self.bodies_at(job, &outcome))
+                self.motion(job, &outcome)
             };
             trials.iter().zip(jobs).map(motion).collect::<Vec<_>>()
         };

@@ -5,7 +5,7 @@ use control::robot::RobotModel;
 use files::model::Model;
 use optimise::meta::{
     FilmMaker, FilmSettings, FilmedGait, Fit, FrameTimes, Likeness, MotionJob, MotionTrials,
-    rows_of,
+    Placement, rows_of,
 };
 use optimise::score::ScoreSettings;
 use optimise::search::Search;
@@ -137,9 +137,9 @@ fn filmed(level: Level) -> FilmedGait {
     let motion = motions(level).run(&[job]).remove(0).unwrap();
     let frames = (DURATION_S * 30.0) as usize;
     let film = camera()
-        .film(&motion, 30.0, &rows, frames, 1, [0.0; 2])
+        .film(&motion.bodies, 30.0, &rows, frames, 1, Placement::default())
         .unwrap();
-    FilmedGait::new(gait, vec![film.clone(), film], [0.0; 2], 0.05, true).unwrap()
+    FilmedGait::new(gait, vec![film.clone(), film], None, 0.05, true).unwrap()
 }
 
 fn fit_on(fit: Option<Fit>, gaits: &[FilmedGait], level: Level, iterations: u32) -> Fit {

@@ -1,24 +1,25 @@
 //! `rb-host optimise model`
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
 use files::dataset::Manifest;
-use files::model::Key;
+use files::model::{Key, Model};
 use optimise::meta::{
     FilmMaker, FilmedGait, Fit, Likeness, PAPER_ITERATIONS, PAPER_PARTICLES, TableIii, rows_of,
 };
 use optimise::simulated::SimulatedMotions;
-use optimise::table2::{implausible_factor, plausible_high};
-use serde_json::{Value, json};
+use optimise::table2::ROWS;
+use serde::{Deserialize, Serialize};
+use serde_json::json;
 
 use crate::cli::parse_duration;
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::interrupt;
 use crate::searching::folder::Folder;
+use crate::searching::tables::{Compared, table_ii, table_iii};
 use crate::searching::{curve, films};
 
 #[derive(Debug, ClapArgs)]
@@ -29,35 +30,61 @@ pub(super) struct ModelArgs {
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Model to start from; the shipped hand-tuned model when absent
-    #[arg(short, long, value_name = "FILE")]
+    #[arg(short, long, value_name = "FILE", conflicts_with = "resume")]
     model: Option<PathBuf>,
     /// Gaits the fit may see; when absent those whose runs all have the role "fit"
-    #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
+    #[arg(
+        long,
+        value_name = "NAME,...",
+        value_delimiter = ',',
+        conflicts_with = "resume"
+    )]
     training: Vec<String>,
-    /// Rows of Table II to fit, such as 1-4,13,17 [default: 1-22]
-    #[arg(long, value_name = "ROWS", default_value = "1-22")]
+    /// Rows of Table II to fit, such as 1-4,13,17
+    #[arg(
+        long,
+        value_name = "ROWS",
+        default_value = "1-22",
+        conflicts_with = "resume"
+    )]
     rows: String,
-    /// Go on with the fit in the folder
+    /// Go on with the fit in the folder, with everything it was told when it began
     #[arg(long)]
     resume: bool,
     /// Particles
-    #[arg(long, value_name = "N", default_value_t = PAPER_PARTICLES)]
+    #[arg(long, value_name = "N", default_value_t = PAPER_PARTICLES, conflicts_with = "resume")]
     particles: usize,
-    /// Iterations
+    /// Iterations in all; with --resume a fit can be made longer
     #[arg(long, value_name = "N", default_value_t = PAPER_ITERATIONS)]
     iterations: u32,
     /// Seed of everything random
-    #[arg(long, value_name = "N", default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "resume")]
     seed: u64,
     /// The search looks at every N-th frame; tables use all
-    #[arg(long, value_name = "N", default_value_t = 10)]
-    stride: usize,
+    #[arg(long, value_name = "N", default_value_t = STRIDE, conflicts_with = "resume", value_parser = clap::value_parser!(u32).range(1..))]
+    stride: u32,
     /// Threads; the result does not depend on it [default: all cores]
     #[arg(short = 'j', long, value_name = "N")]
     threads: Option<usize>,
     /// Stop after this time with a checkpoint
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     time_limit: Option<Duration>,
+}
+
+/// Three frames a second of a 30 Hz film: a gait of 0.2 Hz moves its joints by less than 70 degrees from one to the next.
+const STRIDE: u32 = 10;
+
+/// Name of the start model inside the folder.
+const START: &str = "start.toml";
+
+/// What the folder keeps from one call to the next.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Stored {
+    fit: Fit,
+    training: Vec<String>,
+    stride: u32,
+    /// Checksum of the films the fit has seen.
+    films: u64,
 }
 
 /// Fits and prints Tables II and III.
@@ -68,86 +95,110 @@ pub(super) fn run(args: &ModelArgs, context: &Context) -> Outcome {
             .num_threads(threads)
             .build_global();
     }
-    let model = crate::model_file::load(args.model.as_deref())?;
+    let begun = Instant::now();
+    let folder = Folder::open(&args.output, args.resume)?;
+    let told = Told::gather(args, &folder)?;
     let manifest = read_manifest(&args.data)?;
-    let start = rows_of(&model);
     context.out.say("reading films");
-    let gaits = films::load(
-        &args.data,
-        &manifest,
-        &args.training,
-        model.value(Key::CameraHeight),
-    )?;
-    let longest = gaits
-        .iter()
-        .flat_map(|g| &g.films)
-        .map(Vec::len)
-        .max()
-        .unwrap_or(0);
-    let settings = films::settings_of(manifest.camera.as_ref(), args.stride);
-    // One second and a fifth past the film: the longest time shift of Table II.
+    let height_m = told.model.value(Key::CameraHeight);
+    let gaits = films::load(&args.data, &manifest, &told.training, height_m)?;
+    let settings = films::settings_of(manifest.camera.as_ref(), told.stride as usize);
+    let longest = gaits.iter().map(FilmedGait::frames).max().unwrap_or(0);
+    // As far past the film as the longest time shift of Table II looks.
     let duration_s = longest as f64 / settings.rate_hz + Key::CameraTimeShift.info().search.1;
-    let trials = SimulatedMotions::new(&model, context.robot_model(), duration_s);
+    let trials = SimulatedMotions::new(&told.model, context.robot_model(), duration_s);
     let maker = FilmMaker::new(settings, &context.robot_model());
     let likeness = Likeness::new(&gaits, maker).map_err(|error| {
         Failure::new(Exit::BadFile, error)
             .hint("name them with --training g01,g03,... or give their runs role = \"fit\"")
     })?;
-    let folder = Folder::open(&args.output, args.resume)?;
-    let mut fit = if args.resume {
-        folder.restore::<Fit>()?
-    } else {
-        let rows = parse_rows(&args.rows)?;
-        Fit::start(&rows, &start, args.particles, args.seed)
-            .map_err(|error| Failure::new(Exit::Usage, error))?
+    let mut stored = told.open(args, &folder, checksum(&gaits))?;
+    let read_s = begun.elapsed().as_secs_f64();
+    let interrupted = iterate(args, &mut stored, &likeness, &trials, &folder, context)?;
+    let report = Report {
+        start: rows_of(&told.model),
+        fit: &stored.fit,
+        gaits: &gaits,
+        likeness: &likeness,
+        trials: &trials,
     };
-    let begun = Instant::now();
-    let interrupted = iterate(args, &mut fit, &likeness, &trials, &folder, context)?;
-    let wall = begun.elapsed();
-    let table = |rows: &[f64; optimise::table2::ROWS]| {
-        let ratios = likeness
-            .ratios(rows, &trials)
-            .map_err(|error| Failure::new(Exit::BadFile, error))?;
-        Ok::<_, Failure>((TableIii::new(&gaits, &ratios), ratios))
-    };
-    let (before, after) = (table(&start)?, table(&fit.best())?);
-    let fitted = trials
-        .model_with(&fit.best())
-        .map_err(|error| Failure::new(Exit::Other, error))?;
-    folder.write("model.toml", fitted.to_toml().as_bytes())?;
-    let history: Vec<f64> = fit
-        .swarm()
-        .history()
-        .iter()
-        .map(|best| best.fitness)
-        .collect();
-    folder.write(
-        "curve.svg",
-        curve::svg("Similarity of the best particle", "F_meta", &history).as_bytes(),
-    )?;
-    report(
-        &fit,
-        &start,
-        &gaits,
-        (&before, &after),
-        wall,
-        &folder,
-        context,
-    )?;
+    report.write(&folder, (begun, read_s), context)?;
     if interrupted {
         let message = format!(
             "stopped after iteration {}; the checkpoint is written",
-            fit.swarm().iteration()
+            stored.fit.swarm().iteration()
         );
         return Err(Failure::say(Exit::Interrupted, message).hint("go on with --resume"));
     }
     Ok(())
 }
 
+/// What the fit is told, from the command line or, when resumed, from the folder.
+struct Told {
+    model: Model,
+    training: Vec<String>,
+    stride: u32,
+    stored: Option<Stored>,
+}
+
+impl Told {
+    fn gather(args: &ModelArgs, folder: &Folder) -> Outcome<Self> {
+        if !args.resume {
+            return Ok(Self {
+                model: crate::model_file::load(args.model.as_deref())?,
+                training: args.training.clone(),
+                stride: args.stride,
+                stored: None,
+            });
+        }
+        let stored: Stored = folder.restore()?;
+        Ok(Self {
+            model: crate::model_file::load(Some(&folder.join(START)))?,
+            training: stored.training.clone(),
+            stride: stored.stride,
+            stored: Some(stored),
+        })
+    }
+
+    /// The fit at its start, stored with its model, or as the checkpoint has it.
+    fn open(&self, args: &ModelArgs, folder: &Folder, films: u64) -> Outcome<Stored> {
+        if let Some(stored) = &self.stored {
+            if stored.films == films {
+                return Ok(stored.clone());
+            }
+            return Err(
+                Failure::say(Exit::BadFile, "the films are not those this fit began with")
+                    .hint("give the data set it began with, or start a fit in a new folder"),
+            );
+        }
+        let rows = parse_rows(&args.rows)?;
+        let fit = Fit::start(&rows, &rows_of(&self.model), args.particles, args.seed)
+            .map_err(|error| Failure::new(Exit::Usage, error))?;
+        let stored = Stored {
+            fit,
+            training: self.training.clone(),
+            stride: self.stride,
+            films,
+        };
+        folder.write(START, self.model.to_toml().as_bytes())?;
+        folder.store(&stored)?;
+        Ok(stored)
+    }
+}
+
+/// A number that changes when a film does (FNV-1a over the areas).
+fn checksum(gaits: &[FilmedGait]) -> u64 {
+    const BASIS: u64 = 0xcbf2_9ce4_8422_2325;
+    const PRIME: u64 = 0x0100_0000_01b3;
+    let frames = gaits.iter().flat_map(|gait| gait.films.iter().flatten());
+    let areas = frames.map(|frame| u64::from(frame.area_px()));
+    areas.fold(BASIS, |sum, area| (sum ^ area).wrapping_mul(PRIME))
+}
+
 /// Runs the remaining iterations; true when stopped early.
 fn iterate(
     args: &ModelArgs,
-    fit: &mut Fit,
+    stored: &mut Stored,
     likeness: &Likeness<'_>,
     trials: &SimulatedMotions,
     folder: &Folder,
@@ -155,106 +206,88 @@ fn iterate(
 ) -> Outcome<bool> {
     let begun = Instant::now();
     let bar = context.out.progress(u64::from(args.iterations), "matching");
-    while fit.swarm().iteration() < args.iterations {
-        if interrupt::pressed()
-            || args
-                .time_limit
-                .is_some_and(|limit| begun.elapsed() >= limit)
-        {
+    while stored.fit.swarm().iteration() < args.iterations {
+        let late = args.time_limit.is_some_and(|t| begun.elapsed() >= t);
+        if interrupt::pressed() || late {
             bar.finish_and_clear();
             return Ok(true);
         }
-        fit.iterate(likeness, trials)
+        stored
+            .fit
+            .iterate(likeness, trials)
             .map_err(|error| Failure::new(Exit::BadFile, error))?;
-        folder.store(fit)?;
-        bar.set_position(u64::from(fit.swarm().iteration()));
-        let best = fit.swarm().best().map_or(0.0, |best| best.fitness);
+        folder.store(stored)?;
+        bar.set_position(u64::from(stored.fit.swarm().iteration()));
+        let best = stored.fit.swarm().best().map_or(0.0, |best| best.fitness);
         bar.set_message(format!("R {best:.3}"));
     }
     bar.finish_and_clear();
     Ok(false)
 }
 
-type Compared = (TableIii, Vec<f64>);
+/// What is written and printed at the end.
+struct Report<'a> {
+    start: [f64; ROWS],
+    fit: &'a Fit,
+    gaits: &'a [FilmedGait],
+    likeness: &'a Likeness<'a>,
+    trials: &'a SimulatedMotions,
+}
 
-fn report(
-    fit: &Fit,
-    start: &[f64; optimise::table2::ROWS],
-    gaits: &[FilmedGait],
-    (before, after): (&Compared, &Compared),
-    wall: Duration,
-    folder: &Folder,
-    context: &Context,
-) -> Outcome {
-    let best = fit.best();
-    let mut text = format!(
-        "{} iterations in {:.1} s\n\nTable II\n",
-        fit.swarm().iteration(),
-        wall.as_secs_f64()
-    );
-    let _ = writeln!(
-        text,
-        " # {:28} {:>18} {:>10} {:>10} {:>10}",
-        "parameter", "range", "start", "fitted", "paper"
-    );
-    let mut rows = Vec::new();
-    for (k, key) in Key::TABLE_II.iter().enumerate() {
-        let info = key.info();
-        let range = format!("[{}, {}]", info.search.0, info.search.1);
-        let flag = implausible_factor(*key, best[k]);
-        let remark = match (flag, plausible_high(*key)) {
-            (Some(factor), Some((_, why))) => format!("  IMPLAUSIBLE: {factor:.1} x {why}"),
-            _ => String::new(),
-        };
-        let _ = writeln!(
-            text,
-            "{:2} {:28} {range:>18} {:10.5} {:10.5} {:10.5}{remark}",
-            k + 1,
-            info.path(),
-            start[k],
-            best[k],
-            info.meta_optimised
-        );
-        rows.push(json!({ "row": k + 1, "name": info.path(), "start": start[k], "fitted": best[k], "paper": info.meta_optimised, "implausible_factor": flag }));
+impl Report<'_> {
+    fn write(
+        &self,
+        folder: &Folder,
+        (begun, read_s): (Instant, f64),
+        context: &Context,
+    ) -> Outcome {
+        let best = self.fit.best();
+        let (before, after) = (self.compare(&self.start)?, self.compare(&best)?);
+        let fitted = self
+            .trials
+            .model_with(&best)
+            .map_err(|error| Failure::new(Exit::Other, error))?;
+        folder.write("model.toml", fitted.to_toml().as_bytes())?;
+        self.write_curve(folder)?;
+        let (text_ii, value_ii) = table_ii(&self.start, &best);
+        let (text_iii, value_iii) = table_iii(self.gaits, &before, &after);
+        let text = format!("{text_ii}\n{text_iii}");
+        folder.write("tables.txt", text.as_bytes())?;
+        let (iterations, wall_s) = (self.fit.swarm().iteration(), begun.elapsed().as_secs_f64());
+        let value = json!({
+            "iterations": iterations, "wall_s": wall_s, "table_ii": value_ii, "table_iii": value_iii,
+        });
+        context.out.result("rb.optimise_model/1", value, || {
+            format!(
+                "{iterations} iterations; {wall_s:.1} s with all, {read_s:.1} s of it reading films\n\n{text}"
+            )
+        });
+        Ok(())
     }
-    let _ = writeln!(
-        text,
-        "\nTable III            before    after   change   (paper: before    after)"
-    );
-    let paper = [
-        ("training set", 0.250_317, 0.414_293),
-        ("test set", 0.325_153, 0.402_104),
-        ("all gaits", 0.281_152, 0.409_271),
-    ];
-    let of = |t: &TableIii| [Some(t.training), t.test, Some(t.all)];
-    for ((name, paper_before, paper_after), (b, a)) in paper
-        .iter()
-        .zip(of(&before.0).into_iter().zip(of(&after.0)))
-    {
-        if let (Some(b), Some(a)) = (b, a) {
-            let change = (a / b - 1.0) * 100.0;
-            let _ = writeln!(
-                text,
-                "{name:16} {b:10.3} {a:8.3} {change:7.1} %   {paper_before:14.3} {paper_after:8.3}"
-            );
+
+    fn compare(&self, rows: &[f64; ROWS]) -> Outcome<Compared> {
+        let ratios = self
+            .likeness
+            .ratios(rows, self.trials)
+            .map_err(|error| Failure::new(Exit::BadFile, error))?;
+        let sets = TableIii::new(self.gaits, &ratios);
+        Ok(Compared { sets, ratios })
+    }
+
+    /// The paper's figure 6, with the mean of the particles beside the best.
+    fn write_curve(&self, folder: &Folder) -> Outcome {
+        let history = self.fit.swarm().history();
+        let best: Vec<f64> = history.iter().map(|best| best.fitness).collect();
+        let means = self.fit.means();
+        let mut csv = "iteration,best,mean\n".to_owned();
+        for (k, (best, mean)) in best.iter().zip(means).enumerate() {
+            csv.push_str(&format!("{k},{best},{mean}\n"));
         }
+        folder.write("curve.csv", csv.as_bytes())?;
+        let title = "Similarity of simulated and filmed gaits";
+        let drawn = curve::svg_best_and_mean(title, "F_meta", &best, means);
+        folder.write("curve.svg", drawn.as_bytes())
     }
-    for ((filmed, b), a) in gaits.iter().zip(&before.1).zip(&after.1) {
-        let set = if filmed.training { "training" } else { "test" };
-        let _ = writeln!(
-            text,
-            "  {:14} {b:10.3} {a:8.3}   {set}, weight {:.4}",
-            filmed.gait.name(),
-            filmed.weight
-        );
-    }
-    folder.write("tables.txt", text.as_bytes())?;
-    let tables = json!({ "before": before.0, "after": after.0 });
-    let value = json!({
-        "iterations": fit.swarm().iteration(), "wall_s": wall.as_secs_f64(), "table_ii": Value::from(rows), "table_iii": tables,
-    });
-    context.out.result("rb.optimise_model/1", value, || text);
-    Ok(())
 }
 
 /// `1-4,13` as row numbers.

@@ -3,12 +3,11 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use camera::picture;
 use control::cpg;
 use control::gait::Gait;
 use control::robot::JOINTS;
 use files::model::{Key, Model};
-use optimise::meta::{FilmMaker, Motion, rows_of};
+use optimise::meta::{FilmMaker, Placement, rows_of};
 use optimise::simulated::bodies;
 use physics::{CONTROL_RATE_HZ, Drive, Options, Outcome, Params, Start, Trial};
 use serde_json::{Value, json};
@@ -19,6 +18,7 @@ use crate::cli::parse_duration;
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome as Done};
 use crate::searching::films;
+use crate::searching::frames::{Frames, make_empty};
 
 /// Play gaits in the body simulator: distance, impact, collision; with -o a data set folder, with --camera its films
 #[derive(Debug, clap::Args)]
@@ -175,10 +175,7 @@ struct Writer<'a> {
 
 impl<'a> Writer<'a> {
     fn new(folder: &'a Path, films: bool, model: &'a Model, context: &'a Context) -> Done<Self> {
-        if std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
-            let message = format!("{} exists and is not empty", folder.display());
-            return Err(Failure::say(Exit::Usage, message).hint("name another folder"));
-        }
+        make_empty(folder)?;
         std::fs::create_dir_all(folder.join("gaits"))?;
         Ok(Self {
             folder,
@@ -242,23 +239,20 @@ impl<'a> Writer<'a> {
     fn film(&self, name: &str, trial: &Trial, outcome: &Outcome, start_m: [f32; 2]) -> Done {
         let rows = rows_of(self.model);
         let maker = FilmMaker::new(films::settings(1), &self.context.robot_model());
-        let motion: Motion = bodies(&self.context.robot_model(), outcome);
+        let [x_m, y_m] = start_m;
+        let placement = Placement {
+            yaw_rad: 0.0,
+            x_m,
+            y_m,
+        };
+        let motion = bodies(&self.context.robot_model(), outcome);
         let tail_s = self.model.value(Key::CameraTimeShift).max(0.0);
         let frames = ((trial.duration_s - tail_s) * RATE_HZ) as usize;
         let film = maker
-            .film(&motion, RATE_HZ, &rows, frames, 1, start_m)
+            .film(&motion, RATE_HZ, &rows, frames, 1, placement)
             .map_err(|e| Failure::new(Exit::BadFile, e))?;
-        let folder = self.folder.join(name);
-        std::fs::create_dir_all(&folder)?;
-        let mut index = String::from("t_s,file\n");
-        for (k, frame) in film.iter().enumerate() {
-            let file = format!("{k:05}.png");
-            let png = picture::silhouette_png(frame).map_err(|e| Failure::new(Exit::Other, e))?;
-            std::fs::write(folder.join(&file), png)?;
-            let _ = writeln!(index, "{:.6},{file}", k as f64 / RATE_HZ);
-        }
-        std::fs::write(folder.join("index.csv"), index)?;
-        Ok(())
+        let t_s = (0..film.len()).map(|k| k as f64 / RATE_HZ).collect();
+        Frames { t_s, frames: film }.write(&self.folder.join(name))
     }
 }
 

@@ -12,21 +12,34 @@ const BOTTOM: f64 = 50.0;
 /// Draws `values` (one per iteration, iteration 0 first) as SVG.
 #[must_use]
 pub fn svg(title: &str, unit: &str, values: &[f64]) -> String {
-    let highest = values.iter().copied().fold(0.0, f64::max);
+    draw(title, unit, &[("c", "", values)])
+}
+
+/// Draws the best and, in grey, the mean of every iteration as SVG.
+#[must_use]
+pub fn svg_best_and_mean(title: &str, unit: &str, best: &[f64], mean: &[f64]) -> String {
+    draw(title, unit, &[("m", "mean", mean), ("c", "best", best)])
+}
+
+/// Curves as (style, name at the right end, values); the last lies on top.
+fn draw(title: &str, unit: &str, curves: &[(&str, &str, &[f64])]) -> String {
+    let all = || curves.iter().flat_map(|curve| curve.2);
+    let highest = all().copied().fold(0.0, f64::max);
+    let longest = curves.iter().map(|curve| curve.2.len()).max().unwrap_or(0);
     let (step, decimals) = round_step(highest / 4.0);
     let top = if highest > 0.0 {
         (highest / step).ceil() * step
     } else {
         1.0
     };
-    let count = values.len().max(2) - 1;
+    let count = longest.max(2) - 1;
     let x = |i: f64| LEFT + i / count as f64 * (WIDTH - LEFT - RIGHT);
     let y = |v: f64| HEIGHT - BOTTOM - v / top * (HEIGHT - TOP - BOTTOM);
     let mut out = String::new();
     let _ = write!(
         out,
         r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{title}">
-<style>text{{font:13px system-ui,sans-serif;fill:#333}}.t{{font-size:15px;font-weight:600}}.g{{stroke:#ddd}}.c{{fill:none;stroke:#3b6fd4;stroke-width:2}}</style>
+<style>text{{font:13px system-ui,sans-serif;fill:#333}}.t{{font-size:15px;font-weight:600}}.g{{stroke:#ddd}}.c,.m{{fill:none;stroke:#3b6fd4;stroke-width:2}}.m{{stroke:#999}}</style>
 <rect width="{WIDTH}" height="{HEIGHT}" fill="#fff"/>
 <text class="t" x="{LEFT}" y="24">{title}</text>
 "##
@@ -60,16 +73,26 @@ pub fn svg(title: &str, unit: &str, values: &[f64]) -> String {
         HEIGHT / 2.0,
         HEIGHT / 2.0
     );
-    let points: Vec<String> = values
-        .iter()
-        .enumerate()
-        .map(|(i, &v)| format!("{:.1},{:.1}", x(i as f64), y(v)))
-        .collect();
-    let _ = writeln!(
-        out,
-        r#"<polyline class="c" points="{}"/>"#,
-        points.join(" ")
-    );
+    for (style, name, values) in curves {
+        let points: Vec<String> = values
+            .iter()
+            .enumerate()
+            .map(|(i, &v)| format!("{:.1},{:.1}", x(i as f64), y(v)))
+            .collect();
+        let _ = writeln!(
+            out,
+            r#"<polyline class="{style}" points="{}"/>"#,
+            points.join(" ")
+        );
+        if let Some(&last) = values.last().filter(|_| !name.is_empty()) {
+            let _ = writeln!(
+                out,
+                r#"<text x="{:.1}" y="{:.1}" text-anchor="end">{name}</text>"#,
+                WIDTH - RIGHT,
+                y(last) - 6.0
+            );
+        }
+    }
     out.push_str("</svg>\n");
     out
 }
@@ -107,5 +130,8 @@ mod tests {
         assert_eq!(points.split(' ').count(), 4);
         assert!(drawn.contains(">0.02<") && drawn.contains(">0.06<"));
         assert!(svg("Nothing", "m/s", &[]).contains("</svg>"));
+        let both = svg_best_and_mean("R", "F_meta", &[0.3, 0.4], &[0.1, 0.2]);
+        assert_eq!(both.matches("<polyline").count(), 2);
+        assert!(both.contains(">best<") && both.contains(">mean<"));
     }
 }

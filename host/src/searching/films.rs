@@ -2,12 +2,15 @@
 
 use std::path::Path;
 
-use camera::{Silhouette, picture};
+use camera::Silhouette;
+use control::linalg::Pose;
 use files::dataset::{Camera, Manifest, Recording, Role, Run};
 use files::model::Key;
 use optimise::meta::{FilmSettings, FilmedGait};
+use optimise::simulated::base_pose;
 
 use crate::failure::{Exit, Failure, Outcome};
+use crate::searching::frames::Frames;
 
 /// Frames per second of the paper's Kinect.
 pub const RATE_HZ: f64 = 30.0;
@@ -77,7 +80,7 @@ pub fn settings_of(camera: Option<&Camera>, stride: usize) -> FilmSettings {
 /// All gaits of a data set with their films, in the order of their first run. A gait is read from `gaits/NAME.toml` in the folder.
 ///
 /// # Errors
-/// Exit code 3 for files that are missing or wrong.
+/// Exit code 3 for files that are missing or wrong, and for films that show no robot.
 pub fn load(
     folder: &Path,
     manifest: &Manifest,
@@ -91,77 +94,90 @@ pub fn load(
             names.push(&run.gait);
         }
     }
-    let mut gaits = Vec::new();
-    for name in names {
-        let runs: Vec<&Run> = manifest
-            .runs
-            .iter()
-            .filter(|run| run.gait == name && run.frames.is_some())
-            .collect();
-        let films = runs
-            .iter()
-            .map(|run| read_film(folder, run))
-            .collect::<Outcome<Vec<_>>>()?;
-        let gait = crate::gait_file::load(&folder.join("gaits").join(format!("{name}.toml")))?;
-        let speed_m_s = mean_speed_m_s(&films, &settings, height_m);
-        let is_training = match training {
-            [] => runs.iter().all(|run| run.role == Some(Role::Fit)),
-            named => named.iter().any(|n| n == name),
-        };
-        let start_m = start_m(folder, manifest, runs[0])?;
-        let filmed = FilmedGait::new(gait, films, start_m, speed_m_s, is_training)
-            .map_err(|error| Failure::say(Exit::BadFile, format!("gait {name}: {error}")))?;
-        gaits.push(filmed);
+    if let Some(unknown) = training.iter().find(|t| !names.contains(&t.as_str())) {
+        let message = format!("--training {unknown}: the data set has no film of that gait");
+        return Err(Failure::say(Exit::Usage, message)
+            .hint(format!("films are there of {}", names.join(", "))));
     }
-    Ok(gaits)
+    let gait = |name: &&str| load_gait(folder, manifest, name, training, (&settings, height_m));
+    names.iter().map(gait).collect()
 }
 
-/// Where body 3 began by the first base row of the run; under the camera's origin when the pose was not measured.
-fn start_m(folder: &Path, manifest: &Manifest, run: &Run) -> Outcome<[f32; 2]> {
+fn load_gait(
+    folder: &Path,
+    manifest: &Manifest,
+    name: &str,
+    training: &[String],
+    (settings, height_m): (&FilmSettings, f64),
+) -> Outcome<FilmedGait> {
+    let filmed_runs = manifest.runs.iter().filter(|run| run.gait == name);
+    let mut runs: Vec<&Run> = Vec::new();
+    let mut films = Vec::new();
+    for run in filmed_runs {
+        if let Some(frames) = &run.frames {
+            let film = Frames::read(&folder.join(frames))?.at_rate(settings.rate_hz);
+            films.push(film);
+            runs.push(run);
+        }
+    }
+    let gait = crate::gait_file::load(&folder.join("gaits").join(format!("{name}.toml")))?;
+    let bad = |why: String| Failure::say(Exit::BadFile, format!("gait {name}: {why}"));
+    let is_training = match training {
+        [] => runs.iter().all(|run| run.role == Some(Role::Fit)),
+        named => named.iter().any(|n| n == name),
+    };
+    let start = start(folder, manifest, runs[0])?;
+    let speed_m_s = mean_speed_m_s(&films, settings, height_m);
+    let filmed = FilmedGait::new(gait, films, start, speed_m_s.unwrap_or(0.0), is_training)
+        .map_err(|error| bad(error.to_string()))?;
+    if speed_m_s.is_none() {
+        return Err(bad(
+            "no film shows the robot in two frames, so it has no speed and no weight".to_owned(),
+        )
+        .hint("film it again, or take its films out of dataset.toml"));
+    }
+    Ok(filmed)
+}
+
+/// Body 3 at the start of the gait, by the first row of the run that has a base pose; `None` when it was not measured.
+fn start(folder: &Path, manifest: &Manifest, run: &Run) -> Outcome<Option<Pose>> {
     let path = folder.join(&run.file);
     let shown = path.display().to_string();
     let text = std::fs::read_to_string(&path)
         .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
     let (recording, _) =
         Recording::parse(&shown, &text, manifest).map_err(|e| Failure::new(Exit::BadFile, e))?;
-    let first = |column: &Option<Vec<f64>>| {
-        let measured = column
-            .as_ref()
-            .and_then(|c| c.iter().find(|v| v.is_finite()));
-        measured.map_or(0.0, |v| *v as f32)
-    };
-    let [x, y, _] = &recording.body().base_m;
-    Ok([first(x), first(y)])
-}
-
-/// The frames of one run, in the order of its `index.csv`.
-fn read_film(folder: &Path, run: &Run) -> Outcome<Vec<Silhouette>> {
-    let frames = folder.join(run.frames.as_deref().unwrap_or_default());
-    let index = frames.join("index.csv");
-    let shown = index.display().to_string();
-    let bad = |line: usize, why: String| {
-        Failure::say(Exit::BadFile, format!("{shown}:{line}: {why}"))
-            .hint("each line is `t_s,file`, the first is that header")
-    };
-    let text = std::fs::read_to_string(&index)
-        .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
-    let mut film = Vec::new();
-    for (k, line) in text.lines().enumerate().skip(1) {
-        let (_, file) = line
-            .split_once(',')
-            .ok_or_else(|| bad(k + 1, "no comma".to_owned()))?;
-        let bytes = std::fs::read(frames.join(file.trim()))
-            .map_err(|e| bad(k + 1, format!("{file}: {e}")))?;
-        film.push(
-            picture::read_silhouette_png(&bytes).map_err(|e| bad(k + 1, format!("{file}: {e}")))?,
-        );
-    }
-    Ok(film)
+    let body = recording.body();
+    let row = (0..recording.t_s().len())
+        .filter(|&row| recording.t_s()[row] >= 0.0)
+        .find_map(|row| {
+            let at = |column: &Option<Vec<f64>>| {
+                let value = column.as_ref().and_then(|c| c.get(row)).copied()?;
+                value.is_finite().then_some(value as f32)
+            };
+            let [x, y, z] = &body.base_m;
+            let [qw, qx, qy, qz] = &body.base_q;
+            let turn = [at(qw), at(qx), at(qy), at(qz)];
+            // A pose without a turn is a robot put down along x.
+            let turn = match turn {
+                [Some(w), Some(x), Some(y), Some(z)] => [w, x, y, z],
+                _ => [1.0, 0.0, 0.0, 0.0],
+            };
+            Some(physics::Pose {
+                position_m: [at(x)?, at(y)?, at(z).unwrap_or(0.0)],
+                quaternion: turn,
+            })
+        });
+    Ok(row.map(|pose| base_pose(&pose)))
 }
 
 /// Distance of the outline's centre between the first and the last frame that show the robot, over the time between, on the ground below
-/// a camera at `height_m`; 0 when it is never seen twice.
-fn mean_speed_m_s(films: &[Vec<Silhouette>], settings: &FilmSettings, height_m: f64) -> f64 {
+/// a camera at `height_m`; `None` when no film shows it twice.
+fn mean_speed_m_s(
+    films: &[Vec<Silhouette>],
+    settings: &FilmSettings,
+    height_m: f64,
+) -> Option<f64> {
     let speed = |film: &Vec<Silhouette>| {
         let seen = |(k, frame): (usize, &Silhouette)| frame.centre_px().map(|centre| (k, centre));
         let (first, a) = film.iter().enumerate().find_map(seen)?;
@@ -172,5 +188,5 @@ fn mean_speed_m_s(films: &[Vec<Silhouette>], settings: &FilmSettings, height_m: 
         Some(metres / seconds)
     };
     let speeds: Vec<f64> = films.iter().filter_map(speed).collect();
-    speeds.iter().sum::<f64>() / speeds.len().max(1) as f64
+    (!speeds.is_empty()).then(|| speeds.iter().sum::<f64>() / speeds.len() as f64)
 }

@@ -3,5 +3,7 @@
 pub mod curve;
 pub mod films;
 pub mod folder;
+pub mod frames;
 #[cfg(feature = "mpi")]
 pub mod mpi_engine;
+pub mod tables;

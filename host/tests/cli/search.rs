@@ -12,7 +12,7 @@ const SETTINGS: &str = "format = 1\nparticles = 6\niterations = 50\nseed = 9\n\
     [space]\nduration_s = 2\n[score]\nrepetitions = 2\n[select]\ncount = 3\nbest = 1\ntraining = 1\n";
 
 /// Everything a finished search leaves, in the order of names.
-fn left_by(folder: &Folder, name: &str) -> Vec<(String, String)> {
+pub(crate) fn left_by(folder: &Folder, name: &str) -> Vec<(String, String)> {
     let mut paths = vec![folder.path(name)];
     let mut found = Vec::new();
     while let Some(path) = paths.pop() {
@@ -29,7 +29,7 @@ fn left_by(folder: &Folder, name: &str) -> Vec<(String, String)> {
 }
 
 #[track_caller]
-fn assert_same(folder: &Folder, name: &str, expected: &[(String, String)]) {
+pub(crate) fn assert_same(folder: &Folder, name: &str, expected: &[(String, String)]) {
     let found = left_by(folder, name);
     let names = |set: &[(String, String)]| set.iter().map(|f| f.0.clone()).collect::<Vec<_>>();
     assert_eq!(names(&found), names(expected), "{name}");
@@ -39,7 +39,7 @@ fn assert_same(folder: &Folder, name: &str, expected: &[(String, String)]) {
 }
 
 /// Sends a signal once the search has stored its first checkpoint.
-fn signalled(mut command: Command, signal: &str, folder: &Folder, name: &str) -> Done {
+pub(crate) fn signalled(mut command: Command, signal: &str, folder: &Folder, name: &str) -> Done {
     let child = command
         .stdout(std::process::Stdio::piped())
         .stderr(std::process::Stdio::piped())

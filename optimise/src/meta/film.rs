@@ -55,8 +55,42 @@ pub struct MotionJob<'a> {
     pub times: FrameTimes,
 }
 
-/// Body poses in the world, one set per instant; ends early where the simulation does.
-pub type Motion = Vec<[Pose; BODIES]>;
+/// What a simulated robot did.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Motion {
+    /// Body 3 at the start of the gait, in the simulation's world.
+    pub start: Pose,
+    /// All bodies at the wanted instants; ends early where the simulation does.
+    pub bodies: Vec<[Pose; BODIES]>,
+}
+
+/// Where a simulated motion stands in the camera's world: turned about the vertical, then moved over the ground.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Placement {
+    /// Turn about z, rad.
+    pub yaw_rad: f32,
+    /// Where the simulation's origin comes to lie, m.
+    pub x_m: f32,
+    /// See `x_m`.
+    pub y_m: f32,
+}
+
+impl Placement {
+    /// The placement that lays a body at pose `from` onto pose `to`, but for what only tilting or lifting could mend.
+    #[must_use]
+    pub fn onto(from: &Pose, to: &Pose) -> Self {
+        let turn = to.rotation.then_outer(&from.rotation.transposed());
+        // The turn about z nearest to that rotation.
+        let yaw_rad = libm::atan2f(turn.x.y - turn.y.x, turn.x.x + turn.y.y);
+        let (sin, cos) = (libm::sinf(yaw_rad), libm::cosf(yaw_rad));
+        let (f, t) = (from.position_m, to.position_m);
+        Self {
+            yaw_rad,
+            x_m: t.x - (cos * f.x - sin * f.y),
+            y_m: t.y - (sin * f.x + cos * f.y),
+        }
+    }
+}
 
 /// Something that simulates motions; the result of a job depends on that job alone.
 pub trait MotionTrials {
@@ -71,8 +105,9 @@ pub struct FilmedGait {
     pub gait: Gait,
     /// One film per trial.
     pub films: Vec<Vec<Silhouette>>,
-    /// Where body 3 began, in the camera's world, m; simulated motions begin at 0, 0.
-    pub start_m: [f32; 2],
+    /// Body 3 at the start of the gait in the camera's world; simulated motions are laid onto it. `None` when it was not measured: then
+    /// the robot was put down where the simulation begins, at the origin along x.
+    pub start: Option<Pose>,
     /// W_gait, equation (7).
     pub weight: f64,
     /// Whether the fit may see it.
@@ -87,7 +122,7 @@ impl FilmedGait {
     pub fn new(
         gait: Gait,
         films: Vec<Vec<Silhouette>>,
-        start_m: [f32; 2],
+        start: Option<Pose>,
         mean_speed_m_s: f64,
         training: bool,
     ) -> Result<Self, MetaError> {
@@ -100,7 +135,7 @@ impl FilmedGait {
         Ok(Self {
             gait,
             films,
-            start_m,
+            start,
             weight,
             training,
         })
@@ -176,7 +211,7 @@ impl FilmMaker {
         }
     }
 
-    /// The film of a whole motion recorded at `rate_hz`, begun at `start_m`: S(t + s) at the times t of `frames` frames, every
+    /// The film of a whole motion recorded at `rate_hz`: S(t + s) at the times t of `frames` frames, every
     /// `stride`-th of them; times past the end of the motion are left out.
     ///
     /// # Errors
@@ -188,7 +223,7 @@ impl FilmMaker {
         parameters: &[f64; ROWS],
         frames: usize,
         stride: usize,
-        start_m: [f32; 2],
+        placement: Placement,
     ) -> Result<Vec<Silhouette>, ViewError> {
         let times = self.times(parameters, frames, stride);
         let poses = times
@@ -198,7 +233,7 @@ impl FilmMaker {
         self.show(
             poses,
             parameters,
-            start_m,
+            placement,
             &mut Canvas::default(),
             |_, frame| film.push(frame.cropped()),
         )?;
@@ -210,11 +245,11 @@ impl FilmMaker {
         &self,
         poses: impl IntoIterator<Item = &'a [Pose; BODIES]>,
         parameters: &[f64; ROWS],
-        start_m: [f32; 2],
+        placement: Placement,
         canvas: &mut Canvas,
         mut look: impl FnMut(usize, &Silhouette),
     ) -> Result<(), ViewError> {
-        let view = self.view(parameters, start_m)?;
+        let view = self.view(parameters, placement)?;
         let (width, height) = view.size_px();
         let frame = canvas
             .frame
@@ -227,17 +262,18 @@ impl FilmMaker {
         Ok(())
     }
 
-    /// The camera of these parameters over a motion that began at `start_m`.
+    /// The camera of these parameters as a motion placed so sees it.
     ///
     /// # Errors
     /// When its height is impossible.
-    pub fn view(&self, parameters: &[f64; ROWS], start_m: [f32; 2]) -> Result<View, ViewError> {
+    pub fn view(&self, parameters: &[f64; ROWS], placement: Placement) -> Result<View, ViewError> {
         let s = &self.settings;
-        let height_m = parameters[CAMERA_HEIGHT] as f32;
+        let (sin, cos) = (libm::sinf(placement.yaw_rad), libm::cosf(placement.yaw_rad));
+        let (x, y) = (s.x_m - placement.x_m, s.y_m - placement.y_m);
         View::new(
-            height_m,
-            (s.x_m - start_m[0], s.y_m - start_m[1]),
-            s.yaw_rad,
+            parameters[CAMERA_HEIGHT] as f32,
+            (cos * x + sin * y, cos * y - sin * x),
+            s.yaw_rad - placement.yaw_rad,
             (s.width_px, s.height_px),
             s.focal_px,
         )

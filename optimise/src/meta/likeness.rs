@@ -1,7 +1,7 @@
 //! The objective: equation (6) over the training gaits.
 
 use super::MetaError;
-use super::film::{Canvas, FilmMaker, FilmedGait, Motion, MotionJob, MotionTrials};
+use super::film::{Canvas, FilmMaker, FilmedGait, Motion, MotionJob, MotionTrials, Placement};
 use crate::table2::ROWS;
 use camera::similarity::{SimilarityError, meta_fitness, ratio};
 use rayon::prelude::*;
@@ -122,8 +122,11 @@ impl<'a> Likeness<'a> {
                 }
             }
         };
+        let placement = filmed.start.map_or_else(Placement::default, |start| {
+            Placement::onto(&motion.start, &start)
+        });
         self.maker
-            .show(motion, parameters, filmed.start_m, canvas, look)?;
+            .show(&motion.bodies, parameters, placement, canvas, look)?;
         if let Some(frame) = odd_size {
             return Err(SimilarityError::FrameSize { frame }.into());
         }

@@ -6,7 +6,9 @@
 mod film;
 mod likeness;
 
-pub use film::{FilmMaker, FilmSettings, FilmedGait, FrameTimes, Motion, MotionJob, MotionTrials};
+pub use film::{
+    FilmMaker, FilmSettings, FilmedGait, FrameTimes, Motion, MotionJob, MotionTrials, Placement,
+};
 pub use likeness::Likeness;
 
 use crate::table2::ROWS;

@@ -1,0 +1,169 @@
+//! Folders of frames: PNG silhouettes with an `index.csv` (`t_s,file`), as a run of a data set names them by `frames = "folder"`.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use camera::{Silhouette, picture};
+use rayon::prelude::*;
+
+use crate::failure::{Exit, Failure, Outcome};
+
+/// Name of the list inside the folder.
+pub const INDEX: &str = "index.csv";
+/// Its first line.
+const HEADER: &str = "t_s,file";
+
+/// Silhouettes with their times, in rising order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Frames {
+    /// Time of each frame, s from the start of the gait.
+    pub t_s: Vec<f64>,
+    /// The frames, all of one size.
+    pub frames: Vec<Silhouette>,
+}
+
+impl Frames {
+    /// Reads a folder.
+    ///
+    /// # Errors
+    /// Exit code 3 with file and line.
+    pub fn read(folder: &Path) -> Outcome<Self> {
+        let listed = index(folder)?;
+        let frames = listed
+            .par_iter()
+            .map(|(line, _, file)| read_png(folder, *line, file))
+            .collect::<Outcome<Vec<Silhouette>>>()?;
+        let size = |frame: &Silhouette| (frame.width(), frame.height());
+        if let Some(k) = frames.iter().position(|f| size(f) != size(&frames[0])) {
+            let ((w, h), (w0, h0)) = (size(&frames[k]), size(&frames[0]));
+            let why = format!("the frame is {w} x {h} pixels, the first is {w0} x {h0}");
+            return Err(bad_line(&folder.join(INDEX), listed[k].0, &why));
+        }
+        let t_s = listed.iter().map(|(_, t_s, _)| *t_s).collect();
+        Ok(Self { t_s, frames })
+    }
+
+    /// Writes a folder that does not exist or is empty.
+    ///
+    /// # Errors
+    /// Exit code 2 when the folder holds something; 1 when the disk refuses.
+    pub fn write(&self, folder: &Path) -> Outcome {
+        make_empty(folder)?;
+        let mut text = format!("{HEADER}\n");
+        for (k, (t_s, frame)) in self.t_s.iter().zip(&self.frames).enumerate() {
+            let file = format!("{k:05}.png");
+            let png = picture::silhouette_png(frame).map_err(|e| Failure::new(Exit::Other, e))?;
+            std::fs::write(folder.join(&file), png)?;
+            let _ = writeln!(text, "{t_s:.6},{file}");
+        }
+        Ok(std::fs::write(folder.join(INDEX), text)?)
+    }
+
+    /// The frame nearest in time to each instant 0, 1/rate, 2/rate, ... up to the last frame: lost frames are bridged, uneven ones
+    /// put in their place.
+    #[must_use]
+    pub fn at_rate(self, rate_hz: f64) -> Vec<Silhouette> {
+        let nearest = nearest(&self.t_s, rate_hz);
+        if nearest.iter().copied().eq(0..self.frames.len()) {
+            return self.frames;
+        }
+        let frames = nearest.into_iter().map(|k| self.frames[k].clone());
+        frames.collect()
+    }
+}
+
+/// Index of the nearest of the rising times to each instant of a rate.
+fn nearest(t_s: &[f64], rate_hz: f64) -> Vec<usize> {
+    let Some(last) = t_s.last() else {
+        return Vec::new();
+    };
+    let count = (last * rate_hz + 0.5).max(0.0) as usize + 1;
+    let mut k = 0;
+    let at = |instant: usize| {
+        let t = instant as f64 / rate_hz;
+        while k + 1 < t_s.len() && (t_s[k + 1] - t).abs() < (t_s[k] - t).abs() {
+            k += 1;
+        }
+        k
+    };
+    (0..count).map(at).collect()
+}
+
+/// Makes a folder to write frames into.
+///
+/// # Errors
+/// Exit code 2 when it holds something; 1 when the disk refuses.
+pub fn make_empty(folder: &Path) -> Outcome {
+    if std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
+        let message = format!("{} exists and is not empty", folder.display());
+        return Err(Failure::say(Exit::Usage, message).hint("name another folder"));
+    }
+    Ok(std::fs::create_dir_all(folder)?)
+}
+
+/// Lines of a folder's index as (line number, time, file name).
+///
+/// # Errors
+/// Exit code 3 with file and line.
+pub fn index(folder: &Path) -> Outcome<Vec<(usize, f64, String)>> {
+    let path = folder.join(INDEX);
+    let text = std::fs::read_to_string(&path)
+        .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())).hint(
+            "a film is a folder of PNG silhouettes with an index.csv; `rb-host camera import` and `silhouette` make one",
+        ))?;
+    let mut lines = text
+        .lines()
+        .enumerate()
+        .map(|(k, line)| (k + 1, line.trim()));
+    if lines.next().map(|(_, line)| line) != Some(HEADER) {
+        return Err(bad_line(&path, 1, "the first line is not `t_s,file`"));
+    }
+    let mut listed: Vec<(usize, f64, String)> = Vec::new();
+    for (line, text) in lines.filter(|(_, line)| !line.is_empty()) {
+        let bad = |why: &str| bad_line(&path, line, why);
+        let (t_s, file) = text.split_once(',').ok_or_else(|| bad("no comma"))?;
+        let t_s: f64 = t_s
+            .trim()
+            .parse()
+            .map_err(|_| bad("the time is no number"))?;
+        let before = listed.last().map_or(f64::NEG_INFINITY, |last| last.1);
+        if !(t_s.is_finite() && t_s > before) {
+            return Err(bad("times must rise from line to line"));
+        }
+        listed.push((line, t_s, file.trim().to_owned()));
+    }
+    if listed.is_empty() {
+        return Err(bad_line(&path, 1, "no frame is listed"));
+    }
+    Ok(listed)
+}
+
+fn read_png(folder: &Path, line: usize, file: &str) -> Outcome<Silhouette> {
+    let path: PathBuf = folder.join(file);
+    let bytes = std::fs::read(&path)
+        .map_err(|e| bad_line(&folder.join(INDEX), line, &format!("{file}: {e}")))?;
+    picture::read_silhouette_png(&bytes)
+        .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())))
+}
+
+fn bad_line(path: &Path, line: usize, why: &str) -> Failure {
+    Failure::say(Exit::BadFile, format!("{}:{line}: {why}", path.display()))
+        .hint("the first line is `t_s,file`; each other line is a time in seconds and a file name")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::nearest;
+
+    #[test]
+    fn instants_take_the_nearest_frame() {
+        let even: Vec<f64> = (0..5).map(|k| f64::from(k) / 30.0).collect();
+        assert_eq!(nearest(&even, 30.0), [0, 1, 2, 3, 4]);
+        assert_eq!(nearest(&even, 15.0), [0, 2, 4]);
+        // The third frame was lost, the last is a little late.
+        assert_eq!(nearest(&[0.0, 0.033, 0.1, 0.14], 30.0), [0, 1, 1, 2, 3]);
+        // The film begins 70 ms after the gait.
+        assert_eq!(nearest(&[0.07, 0.1], 30.0), [0, 0, 0, 1]);
+        assert!(nearest(&[], 30.0).is_empty());
+    }
+}
