@@ -33,6 +33,9 @@ pub(super) struct Args {
     /// Withhold the planted effect of every single: the diagnosis must then say "unknown"
     #[arg(long)]
     leave_one_out: bool,
+    /// Check the diagnosis of the whole robot instead, on this many cases
+    #[arg(long, value_name = "CASES")]
+    whole: Option<usize>,
     /// Write one whole-robot data set with these causes and stop: EFFECT[@JOINT][:VALUE,...] joined by +, or none
     #[arg(long, value_name = "CAUSES")]
     make_case: Option<String>,
@@ -47,14 +50,14 @@ pub(super) struct Args {
 /// Number of the first of the further nulls.
 const NULLS_FROM: usize = 1000;
 
-fn fail(what: &str, path: &Path, e: impl core::fmt::Display) -> Failure {
+pub(super) fn fail(what: &str, path: &Path, e: impl core::fmt::Display) -> Failure {
     Failure::say(
         Exit::Other,
         format!("cannot {what} {}: {e}", path.display()),
     )
 }
 
-fn write(path: &Path, text: &str) -> Outcome {
+pub(super) fn write(path: &Path, text: &str) -> Outcome {
     fs::write(path, text).map_err(|e| fail("write", path, e))
 }
 
@@ -78,7 +81,7 @@ fn label_json(l: &bench_cases::Label) -> Value {
 }
 
 /// Runs `work` on every index with a few threads; the first failure is returned.
-fn each(count: usize, jobs: usize, work: impl Fn(usize) -> Outcome + Sync) -> Outcome {
+pub(super) fn each(count: usize, jobs: usize, work: impl Fn(usize) -> Outcome + Sync) -> Outcome {
     let next = AtomicUsize::new(0);
     let worker = || -> Outcome {
         loop {
@@ -109,6 +112,16 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = if args.jobs == 0 { cores } else { args.jobs };
+    if let Some(count) = args.whole {
+        let suite = blind_whole::Suite {
+            output: &args.output,
+            count,
+            gaits: args.gaits,
+            seed: args.seed,
+            jobs,
+        };
+        return suite.run(context);
+    }
     let indices: Vec<usize> = (0..args.cases)
         .chain(NULLS_FROM..NULLS_FROM + args.nulls)
         .collect();

@@ -1,12 +1,13 @@
 //! The whole-robot part of `rb-host gap blind`: cases of `hil_sim::robot_cases`, one by name for development, or a sealed suite.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
 
 use hil_sim::robot_cases::{self, Label, Plan, Planted, RobotCaseError};
 use serde_json::{Value, json};
 
-use super::shipped;
+use super::{blind, input, score_whole, shipped};
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 
@@ -118,4 +119,154 @@ pub(super) fn make_case(
         .out
         .result("rb.gap_case/1", label.clone(), || label.to_string());
     Ok(())
+}
+
+/// Where a suite keeps its parts.
+struct Places {
+    cases: PathBuf,
+    labels: PathBuf,
+    verdicts: PathBuf,
+}
+
+impl Places {
+    fn new(output: &Path) -> Outcome<Self> {
+        let places = Self {
+            cases: output.join("whole_cases"),
+            labels: output.join("whole_labels"),
+            verdicts: output.join("whole_verdicts"),
+        };
+        for d in [&places.cases, &places.labels, &places.verdicts] {
+            fs::create_dir_all(d).map_err(|e| blind::fail("make", d, e))?;
+        }
+        Ok(places)
+    }
+
+    fn file(folder: &Path, index: usize) -> PathBuf {
+        folder.join(format!("{}.json", Self::name(index)))
+    }
+
+    fn name(index: usize) -> String {
+        format!("robot_{index:04}")
+    }
+
+    fn seal(&self, count: usize) -> Outcome<String> {
+        let mut all = Vec::new();
+        for index in 0..count {
+            let path = Self::file(&self.labels, index);
+            all.extend(fs::read(&path).map_err(|e| blind::fail("read", &path, e))?);
+        }
+        Ok(input::hex(&all))
+    }
+
+    fn make(&self, seed: u64, index: usize, gaits: usize) -> Outcome {
+        let path = Self::file(&self.labels, index);
+        if path.exists() {
+            return Ok(());
+        }
+        let plan = robot_cases::plan(seed, index);
+        let label = write_case(&plan, gaits, &self.cases.join(Self::name(index)))?;
+        // The label comes last: a case with a label is complete.
+        blind::write(&path, &format!("{}\n", label_json(&label)))
+    }
+
+    /// Diagnoses one case in a process that is given the case folder and nothing else.
+    fn diagnose(&self, index: usize) -> Outcome {
+        let out = Self::file(&self.verdicts, index);
+        if out.exists() {
+            return Ok(());
+        }
+        let program =
+            std::env::current_exe().map_err(|e| blind::fail("find", Path::new("rb-host"), e))?;
+        let part = out.with_extension("part");
+        let status = Command::new(&program)
+            .arg("--quiet")
+            .args(["gap", "report"])
+            .arg(self.cases.join(Self::name(index)))
+            .arg("--json-file")
+            .arg(&part)
+            .env("RAYON_NUM_THREADS", "1")
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status()
+            .map_err(|e| blind::fail("start", &program, e))?;
+        if status.success() {
+            fs::rename(&part, &out).map_err(|e| blind::fail("move", &part, e))?;
+        }
+        Ok(())
+    }
+}
+
+fn read(path: &Path) -> Option<Value> {
+    serde_json::from_str(&fs::read_to_string(path).ok()?).ok()
+}
+
+/// A sealed suite of whole-robot cases.
+pub(super) struct Suite<'a> {
+    pub(super) output: &'a Path,
+    pub(super) count: usize,
+    pub(super) gaits: usize,
+    pub(super) seed: u64,
+    pub(super) jobs: usize,
+}
+
+impl Suite<'_> {
+    /// Makes, seals, diagnoses, opens and scores; goes on where it stopped.
+    pub(super) fn run(&self, context: &Context) -> Outcome {
+        let places = Places::new(self.output)?;
+        context.out.say(format_args!(
+            "{} whole-robot cases on {} processes",
+            self.count, self.jobs
+        ));
+        blind::each(self.count, self.jobs, |k| {
+            places.make(self.seed, k, self.gaits)
+        })?;
+        let seal = places.seal(self.count)?;
+        blind::write(
+            &self.output.join("whole_labels.sha256"),
+            &format!("{seal}\n"),
+        )?;
+        context
+            .out
+            .say(format_args!("labels sealed: sha256 {seal}"));
+        let bar = context.out.progress(self.count as u64, "diagnosing");
+        blind::each(self.count, self.jobs, |k| {
+            let done = places.diagnose(k);
+            bar.inc(1);
+            done
+        })?;
+        bar.finish_and_clear();
+        if places.seal(self.count)? != seal {
+            return Err(Failure::say(
+                Exit::Check,
+                "the labels changed while the cases were diagnosed",
+            ));
+        }
+        self.score(&places, &seal, context)
+    }
+
+    fn score(&self, places: &Places, seal: &str, context: &Context) -> Outcome {
+        let pairs: Vec<(Value, Value)> = (0..self.count)
+            .filter_map(|k| {
+                let label = read(&Places::file(&places.labels, k))?;
+                Some((label, read(&Places::file(&places.verdicts, k))?))
+            })
+            .collect();
+        let missing = self.count - pairs.len();
+        let table = score_whole::table(&pairs);
+        let mut text = table.markdown();
+        if missing > 0 {
+            let note = format!(
+                "\n{missing} of {} cases got no verdict: their diagnosis failed or was interrupted.\n",
+                self.count
+            );
+            text.push_str(&note);
+        }
+        blind::write(&self.output.join("whole_score.md"), &text)?;
+        let value = json!({
+            "labels_sha256": seal, "seed": self.seed, "cases": self.count, "without_verdict": missing,
+            "rows": table.json(), "failures": table.failures,
+        });
+        context.out.result("rb.gap_blind_whole/1", value, || text);
+        Ok(())
+    }
 }

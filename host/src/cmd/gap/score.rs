@@ -12,14 +12,19 @@ pub(super) struct Table {
     pub(super) failures: Vec<String>,
 }
 
-struct Row {
-    name: &'static str,
-    value: Option<f64>,
-    of: usize,
-    target: &'static str,
+/// One figure of a table.
+pub(super) struct Row {
+    pub(super) name: &'static str,
+    pub(super) value: Option<f64>,
+    pub(super) of: usize,
+    pub(super) target: &'static str,
 }
 
 impl Table {
+    pub(super) fn new(rows: Vec<Row>, failures: Vec<String>) -> Self {
+        Self { rows, failures }
+    }
+
     pub(super) fn markdown(&self) -> String {
         let mut s = String::from("| figure | value | cases | target |\n|---|---|---|---|\n");
         for r in &self.rows {
@@ -194,7 +199,7 @@ fn share(list: &[&Opened<'_>], test: impl Fn(&Opened<'_>) -> bool) -> Option<f64
     (!list.is_empty()).then(|| list.iter().filter(|o| test(o)).count() as f64 / list.len() as f64)
 }
 
-fn median(mut v: Vec<f64>) -> Option<f64> {
+pub(super) fn median(mut v: Vec<f64>) -> Option<f64> {
     v.sort_by(f64::total_cmp);
     v.get(v.len() / 2).copied()
 }
