@@ -24,6 +24,8 @@ pub struct Settings {
     pub withhold: Vec<Effect>,
     /// Limits and thresholds of the search.
     pub options: Options,
+    /// A joint that was diagnosed before: its whole model is taken as it is, and only what came on top is named.
+    pub baseline: Option<Params>,
 }
 
 impl Default for Settings {
@@ -32,6 +34,7 @@ impl Default for Settings {
             seed: 1,
             withhold: Vec::new(),
             options: Options::default(),
+            baseline: None,
         }
     }
 }
@@ -198,7 +201,7 @@ pub fn diagnose(
     let free = candidates::nominal(&problem);
     let unknown = free.iter().any(|f| f.tolerance.is_none());
     let k = problem.known;
-    let ideal = k.kp.is_none() && !k.effort_unit;
+    let ideal = k.kp.is_none() && !k.effort_unit && settings.baseline.is_none();
     let objective = Objective {
         problem: &problem,
         runs: fit_runs.clone(),
@@ -206,12 +209,21 @@ pub fn diagnose(
         prior_weight: 0.0,
         robust: floor.repeat.is_some(),
     };
-    let (nominal, calibrated) = calibrate::calibrate(&objective, free, independent, settings.seed);
+    let (nominal, calibrated) = match settings.baseline {
+        Some(params) => (
+            params,
+            Model {
+                params,
+                free: Vec::new(),
+            },
+        ),
+        None => calibrate::calibrate(&objective, free, independent, settings.seed),
+    };
     let scales = candidates::scales(&problem, &calibrated.params);
     let mut library = candidates::library(&problem, &scales);
     library.retain(|c| !settings.withhold.contains(&c.effect));
     let options = Options {
-        thorough: unknown,
+        thorough: unknown && settings.baseline.is_none(),
         ..settings.options
     };
     let search = Search {

@@ -211,6 +211,6 @@ fn csv(plan: &Plan, rows: &[record::Row]) -> String {
 }
 
 /// Draws a number whose logarithm is uniform between `low` and `high`.
-pub(crate) fn log_uniform(rng: &mut Rng, low: f64, high: f64) -> f64 {
+pub fn log_uniform(rng: &mut Rng, low: f64, high: f64) -> f64 {
     low * libm::exp(rng.uniform() * libm::log(high / low))
 }

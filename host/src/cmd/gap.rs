@@ -2,9 +2,12 @@
 
 mod blind;
 mod blind_whole;
+mod graft;
+mod grafts;
 mod input;
 mod report;
 mod score;
+mod score_whole;
 mod shipped;
 
 use crate::context::Context;
@@ -26,6 +29,8 @@ enum Sub {
     Predict(report::PredictArgs),
     /// Check the diagnosis on emulated joints whose planted cause it does not see
     Blind(blind::Args),
+    /// Put exact faults onto real recordings and check that the diagnosis finds them
+    Graft(graft::Args),
 }
 
 /// Runs it.
@@ -37,5 +42,6 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         Sub::Report(a) => report::run(a, context),
         Sub::Predict(a) => report::predict(a, context),
         Sub::Blind(a) => blind::run(a, context),
+        Sub::Graft(a) => graft::run(a, context),
     }
 }

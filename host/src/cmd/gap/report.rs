@@ -35,6 +35,9 @@ pub(super) struct Args {
     /// Leave an effect out of the library (to check that the diagnosis then says "unknown")
     #[arg(long, value_name = "EFFECT", value_parser = effect)]
     withhold: Vec<Effect>,
+    /// Start from an earlier diagnosis of the same joint (file written by --patch) and name only what came on top
+    #[arg(long, value_name = "FILE")]
+    baseline: Option<PathBuf>,
 }
 
 /// Options of `gap predict`.
@@ -83,6 +86,18 @@ fn places(args: &Args, context: &Context) -> Outcome<(PathBuf, Option<PathBuf>)>
     }
 }
 
+/// Reads a patch of `gap report --patch`.
+fn patch(path: &Path) -> Outcome<gap::joint::Params> {
+    let text = fs::read_to_string(path).map_err(|e| {
+        Failure::say(
+            Exit::BadFile,
+            format!("cannot read {}: {e}", path.display()),
+        )
+    })?;
+    gap::patch::parse(&text)
+        .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())))
+}
+
 pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     let (data, json_file) = places(args, context)?;
     let input = input::read(&data, context)?;
@@ -93,6 +108,7 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     let settings = Settings {
         seed: args.seed,
         withhold: args.withhold.clone(),
+        baseline: args.baseline.as_deref().map(patch).transpose()?,
         ..Settings::default()
     };
     let d = diagnose(&input, &settings)?;
@@ -120,14 +136,7 @@ pub(super) fn predict(args: &PredictArgs, context: &Context) -> Outcome {
     let input = input::read(&args.data, context)?;
     let (problem, params) = match &args.model {
         Some(path) => {
-            let text = fs::read_to_string(path).map_err(|e| {
-                Failure::say(
-                    Exit::BadFile,
-                    format!("cannot read {}: {e}", path.display()),
-                )
-            })?;
-            let params = gap::patch::parse(&text)
-                .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())))?;
+            let params = patch(path)?;
             let problem = gap::joint::Problem::new(&input.manifest, &input.recordings, 0)
                 .ok_or_else(|| Failure::say(Exit::BadFile, "no run measured position"))?;
             (problem, params)

@@ -34,16 +34,16 @@ pub(super) fn stage(effect: &str) -> &'static str {
 }
 
 /// One opened case.
-struct Opened<'a> {
-    label: &'a Value,
-    verdict: &'a Value,
+struct Opened {
+    label: Value,
+    verdict: Value,
     truth: Vec<Cause>,
     /// What was said: for each effect found, the members of its class.
     said: Vec<Vec<Cause>>,
 }
 
-impl<'a> Opened<'a> {
-    fn new((label, verdict): &'a (Value, Value)) -> Self {
+impl Opened {
+    fn new((label, verdict): &(Value, Value)) -> Self {
         let class = |e: &Value| {
             let own = cause(e);
             let members = |a: &Value| list(&a["members"]).iter().map(cause).collect::<Vec<_>>();
@@ -56,8 +56,8 @@ impl<'a> Opened<'a> {
         Self {
             truth: list(&label["planted"]).iter().map(cause).collect(),
             said: list(&verdict["effects"]).iter().map(class).collect(),
-            label,
-            verdict,
+            label: label.clone(),
+            verdict: verdict.clone(),
         }
     }
 
@@ -189,15 +189,15 @@ impl<'a> Opened<'a> {
     }
 }
 
-type Group<'a, 'b> = &'b [&'b Opened<'a>];
+type Group<'a> = &'a [&'a Opened];
 
-fn share(group: Group<'_, '_>, test: impl Fn(&Opened<'_>) -> bool) -> Option<f64> {
+fn share(group: Group<'_>, test: impl Fn(&Opened) -> bool) -> Option<f64> {
     let right = group.iter().filter(|o| test(o)).count();
     (!group.is_empty()).then(|| right as f64 / group.len() as f64)
 }
 
 /// Expected calibration error over ten bins of the stated probability.
-fn calibration(all: &[Opened<'_>]) -> Option<f64> {
+fn calibration(all: &[Opened]) -> Option<f64> {
     let mut bins = [(0.0, 0.0); 10];
     for o in all {
         let (stated, right) = o.stated();
@@ -223,19 +223,18 @@ fn row(name: &'static str, value: Option<f64>, of: usize, target: &'static str) 
 
 /// The figures of a suite.
 pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
-    let all: Vec<Opened<'_>> = pairs.iter().map(Opened::new).collect();
-    let pick = |f: &dyn Fn(&Opened<'_>) -> bool| -> Vec<&Opened<'_>> {
-        all.iter().filter(|o| f(o)).collect()
-    };
-    let motion = |o: &Opened<'_>| o.floors("floors");
-    let any = |o: &Opened<'_>| o.floors("floors_any");
+    let all: Vec<Opened> = pairs.iter().map(Opened::new).collect();
+    let pick =
+        |f: &dyn Fn(&Opened) -> bool| -> Vec<&Opened> { all.iter().filter(|o| f(o)).collect() };
+    let motion = |o: &Opened| o.floors("floors");
+    let any = |o: &Opened| o.floors("floors_any");
     let one = pick(&|o| o.kind() == "single" && motion(o));
     let one_any = pick(&|o| o.kind() == "single" && any(o));
     let one_all = pick(&|o| o.kind() == "single");
     let more = pick(&|o| matches!(o.kind(), "pair" | "triple") && any(o));
     let mut rows = singles(&one, &one_any, &one_all);
     rows.extend(several(&more));
-    rows.extend(words(&all, &pick));
+    rows.extend(words(&pick));
     let known = pick(&|o| !matches!(o.kind(), "null" | "outside"));
     let sizes: Vec<f64> = known
         .iter()
@@ -279,7 +278,7 @@ pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
         all.len(),
         "<= 60",
     ));
-    let wrong = |o: &&Opened<'_>| match o.kind() {
+    let wrong = |o: &&Opened| match o.kind() {
         "null" => o.word() != "none",
         "outside" => any(o) && o.word() != "unknown",
         _ => any(o) && !o.exact(),
@@ -287,7 +286,7 @@ pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
     Table::new(rows, all.iter().filter(wrong).map(Opened::told).collect())
 }
 
-fn singles(one: Group<'_, '_>, any: Group<'_, '_>, all: Group<'_, '_>) -> Vec<Row> {
+fn singles(one: Group<'_>, any: Group<'_>, all: Group<'_>) -> Vec<Row> {
     let (n, m) = (one.len(), any.len());
     vec![
         row(
@@ -336,8 +335,8 @@ fn singles(one: Group<'_, '_>, any: Group<'_, '_>, all: Group<'_, '_>) -> Vec<Ro
 }
 
 /// Two or three causes, each of them detectable in some channel.
-fn several(group: Group<'_, '_>) -> Vec<Row> {
-    let count = |f: &dyn Fn(&Opened<'_>) -> usize| group.iter().map(|o| f(o)).sum::<usize>();
+fn several(group: Group<'_>) -> Vec<Row> {
+    let count = |f: &dyn Fn(&Opened) -> usize| group.iter().map(|o| f(o)).sum::<usize>();
     let ratio = |a: usize, b: usize| (b > 0).then(|| a as f64 / b as f64);
     let hits = count(&Opened::hits);
     let n = group.len();
@@ -356,15 +355,11 @@ fn several(group: Group<'_, '_>) -> Vec<Row> {
 }
 
 /// None and unknown.
-fn words<'a, 'b>(
-    all: &'b [Opened<'a>],
-    pick: &dyn Fn(&dyn Fn(&Opened<'_>) -> bool) -> Vec<&'b Opened<'a>>,
-) -> Vec<Row> {
+fn words<'a>(pick: &dyn Fn(&dyn Fn(&Opened) -> bool) -> Vec<&'a Opened>) -> Vec<Row> {
     let nulls = pick(&|o| o.kind() == "null");
     let outside = pick(&|o| o.kind() == "outside" && o.floors("floors_any"));
     let inside = pick(&|o| o.kind() != "outside");
-    let unknown = |o: &Opened<'_>| o.word() == "unknown";
-    debug_assert!(all.len() >= nulls.len() + outside.len());
+    let unknown = |o: &Opened| o.word() == "unknown";
     vec![
         row(
             "false alarms on nulls (an effect named)",

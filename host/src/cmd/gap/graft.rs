@@ -1,0 +1,372 @@
+//! `rb-host gap graft`: exact faults of the measurement layer put onto real recordings, and whether the diagnosis finds them.
+//!
+//! A real recording has a gap of its own. So the motions of a data set are split in two: the diagnosis of the first half (`gap report --patch`)
+//! is the baseline; the second half gets the graft and is diagnosed on top of that baseline (`gap report --baseline`), in a process that is
+//! given the two files and nothing else. A graft counts as found when the first effect that the ungrafted second half does not have
+//! already is the grafted one. Ungrafted halves count as right when nothing is named on top of the baseline.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use files::dataset::{Manifest, Recording};
+use hil_sim::rng::Rng;
+use serde_json::{Value, json};
+
+use super::blind::{each, fail, write};
+use super::grafts::{self, Graft};
+use super::{input, score};
+use crate::context::Context;
+use crate::failure::{Exit, Failure, Outcome};
+
+/// Options of `gap graft`.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Folders with recordings of one joint each; one that does not exist is skipped and said so
+    #[arg(required = true, value_name = "DATA")]
+    data: Vec<PathBuf>,
+    /// Folder for cases, labels and verdicts; a second run there goes on where the first one stopped
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Cases; every fourth has no graft or one that must not matter
+    #[arg(long, default_value_t = 30)]
+    cases: usize,
+    /// Ways to split each data set into baseline and test motions
+    #[arg(long, default_value_t = 2)]
+    splits: usize,
+    /// Longest part of a run that is used, s
+    #[arg(long, default_value_t = 30.0)]
+    longest_s: f64,
+    /// Seed of splits, kinds and sizes
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Processes at once; 0 = one per core
+    #[arg(long, default_value_t = 0)]
+    jobs: usize,
+}
+
+/// A data set with the text blocks of its manifest.
+struct Source {
+    head: String,
+    /// Text of each `[[run]]` block, in order of the runs, without its role.
+    blocks: Vec<String>,
+    manifest: Manifest,
+    recordings: Vec<Recording>,
+    gaits: Vec<String>,
+}
+
+fn source(folder: &Path, context: &Context) -> Outcome<Source> {
+    let input = input::read(folder, context)?;
+    if input.manifest.joints() != 1 {
+        return Err(Failure::say(
+            Exit::BadFile,
+            format!("{}: grafts want recordings of one joint", folder.display()),
+        ));
+    }
+    let path = folder.join("dataset.toml");
+    let text = fs::read_to_string(&path).map_err(|e| fail("read", &path, e))?;
+    let mut parts = text.split("[[run]]");
+    let head = parts.next().unwrap_or_default().to_owned();
+    let without_role = |block: &str| {
+        let kept = block
+            .lines()
+            .filter(|l| !l.trim_start().starts_with("role"));
+        kept.collect::<Vec<_>>().join("\n")
+    };
+    let mut gaits: Vec<String> = input.manifest.runs.iter().map(|r| r.gait.clone()).collect();
+    gaits.sort();
+    gaits.dedup();
+    if gaits.len() < 4 {
+        return Err(Failure::say(
+            Exit::BadFile,
+            format!(
+                "{}: fewer than four motions cannot be split",
+                folder.display()
+            ),
+        ));
+    }
+    Ok(Source {
+        head,
+        blocks: parts.map(without_role).collect(),
+        manifest: input.manifest,
+        recordings: input.recordings,
+        gaits,
+    })
+}
+
+/// One half of a data set: which gaits are in it.
+struct Half<'a> {
+    source: &'a Source,
+    gaits: Vec<&'a str>,
+    longest_s: f64,
+}
+
+impl Half<'_> {
+    /// Writes the half with a graft into `folder`.
+    fn write(&self, folder: &Path, graft: Graft, seed: u64) -> Outcome {
+        fs::create_dir_all(folder).map_err(|e| fail("make", folder, e))?;
+        let mut text = self.source.head.clone();
+        let runs = self.source.manifest.runs.iter();
+        for ((run, block), recording) in runs.zip(&self.source.blocks).zip(&self.source.recordings)
+        {
+            if !self.gaits.contains(&run.gait.as_str()) {
+                continue;
+            }
+            text.push_str("[[run]]");
+            text.push_str(block);
+            text.push('\n');
+            let motion = run.bench.motion;
+            let csv = grafts::csv(recording, motion, graft, self.longest_s, seed);
+            write(&folder.join(&run.file), &csv)?;
+        }
+        write(&folder.join("dataset.toml"), &text)
+    }
+}
+
+/// The two halves of split `split`: motions of the baseline, motions of the test.
+fn halves(source: &Source, split: u64, longest_s: f64) -> [Half<'_>; 2] {
+    let mut order: Vec<&str> = source.gaits.iter().map(String::as_str).collect();
+    let mut rng = Rng::new(split, 0x6F, 0);
+    for k in (1..order.len()).rev() {
+        order.swap(k, (rng.uniform() * (k + 1) as f64) as usize % (k + 1));
+    }
+    let test = order.split_off(order.len() / 2);
+    [order, test].map(|gaits| Half {
+        source,
+        gaits,
+        longest_s,
+    })
+}
+
+/// Runs `gap report` on `folder` in a process of its own; the files it writes come into being complete or not at all.
+fn report(folder: &Path, verdict: &Path, baseline: Option<&Path>, patch: Option<&Path>) -> Outcome {
+    if verdict.exists() {
+        return Ok(());
+    }
+    let program = std::env::current_exe().map_err(|e| fail("find", Path::new("rb-host"), e))?;
+    let part = verdict.with_extension("part");
+    let mut command = Command::new(&program);
+    command.args(["--quiet", "gap", "report"]).arg(folder);
+    command.arg("--json-file").arg(&part);
+    if let Some(path) = baseline {
+        command.arg("--baseline").arg(path);
+    }
+    if let Some(path) = patch {
+        command.arg("--patch").arg(path);
+    }
+    let status = command
+        .env("RAYON_NUM_THREADS", "1")
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .map_err(|e| fail("start", &program, e))?;
+    if !status.success() {
+        return Err(Failure::say(
+            Exit::Other,
+            format!(
+                "the diagnosis of {} failed; run `rb-host gap report` on it",
+                folder.display()
+            ),
+        ));
+    }
+    fs::rename(&part, verdict).map_err(|e| fail("move", &part, e))
+}
+
+/// One split of one data set on disk.
+struct Split {
+    name: String,
+    folder: PathBuf,
+}
+
+impl Split {
+    fn baseline(&self) -> PathBuf {
+        self.folder.join("baseline.toml")
+    }
+
+    fn reference(&self) -> PathBuf {
+        self.folder.join("ungrafted.json")
+    }
+}
+
+fn read(path: &Path) -> Value {
+    let text = fs::read_to_string(path).unwrap_or_default();
+    serde_json::from_str(&text).unwrap_or(Value::Null)
+}
+
+pub(super) fn run(args: &Args, context: &Context) -> Outcome {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let jobs = if args.jobs == 0 { cores } else { args.jobs };
+    let mut sources = Vec::new();
+    for folder in &args.data {
+        if folder.join("dataset.toml").is_file() {
+            let name = folder
+                .file_name()
+                .map_or_else(String::new, |n| n.to_string_lossy().into());
+            sources.push((name, source(folder, context)?));
+        } else {
+            let text = format!("SKIPPED: no data set at {}", folder.display());
+            context.out.warn(&text);
+        }
+    }
+    if sources.is_empty() {
+        context.out.say("no recordings, nothing to graft onto");
+        return Ok(());
+    }
+    let halves: Vec<(Split, [Half<'_>; 2])> = sources
+        .iter()
+        .flat_map(|(name, source)| {
+            (0..args.splits.max(1)).map(move |k| {
+                let name = format!("{name}_{k}");
+                let folder = args.output.join("splits").join(&name);
+                let split = args.seed * 1000 + k as u64;
+                (
+                    Split { name, folder },
+                    halves(source, split, args.longest_s),
+                )
+            })
+        })
+        .collect();
+    context.out.say(format_args!(
+        "{} cases over {} splits of {} data sets on {jobs} processes",
+        args.cases,
+        halves.len(),
+        sources.len()
+    ));
+    each(halves.len(), jobs, |k| prepare(&halves[k].0, &halves[k].1))?;
+    each(args.cases, jobs, |k| {
+        let (split, parts) = &halves[k % halves.len()];
+        diagnose(args, k, split, &parts[1])
+    })?;
+    publish(args, &halves, context)
+}
+
+/// Baseline, and what the ungrafted test half has on top of it.
+fn prepare(split: &Split, parts: &[Half<'_>; 2]) -> Outcome {
+    let first = split.folder.join("baseline");
+    let second = split.folder.join("ungrafted");
+    parts[0].write(&first, Graft::None, 0)?;
+    parts[1].write(&second, Graft::None, 0)?;
+    let verdict = split.folder.join("baseline.json");
+    report(&first, &verdict, None, Some(&split.baseline()))?;
+    report(&second, &split.reference(), Some(&split.baseline()), None)
+}
+
+fn graft(args: &Args, case: usize) -> Graft {
+    grafts::draw(&mut Rng::new(args.seed, 0x67, case as u64), case)
+}
+
+fn diagnose(args: &Args, case: usize, split: &Split, half: &Half<'_>) -> Outcome {
+    let folder = args.output.join("cases").join(format!("graft_{case:03}"));
+    let verdict = args.output.join(format!("graft_{case:03}.json"));
+    if verdict.exists() {
+        return Ok(());
+    }
+    let seed = args.seed.wrapping_mul(7919).wrapping_add(case as u64);
+    half.write(&folder, graft(args, case), seed)?;
+    report(&folder, &verdict, Some(&split.baseline()), None)
+}
+
+/// Classes of effects named, in rank order.
+fn said(verdict: &Value) -> Vec<Vec<String>> {
+    let list = |v: &Value| v.as_array().cloned().unwrap_or_default();
+    let text = |v: &Value| v.as_str().unwrap_or("").to_owned();
+    list(&verdict["effects"])
+        .iter()
+        .map(|e| {
+            let own = text(&e["effect"]);
+            list(&verdict["ambiguous"])
+                .iter()
+                .map(|a| list(&a["effects"]).iter().map(text).collect::<Vec<_>>())
+                .find(|c| c.contains(&own))
+                .unwrap_or_else(|| vec![own])
+        })
+        .collect()
+}
+
+/// Whether the verdict names the graft on top of what the ungrafted half has.
+fn right(graft: Graft, verdict: &Value, reference: &Value) -> bool {
+    let own: Vec<String> = said(reference).into_iter().flatten().collect();
+    let mut new = said(verdict)
+        .into_iter()
+        .filter(|class| !class.iter().any(|e| own.contains(e)));
+    match graft.effect() {
+        Some(effect) => {
+            let whole = said(verdict);
+            // An effect that the ungrafted half has too is found again when it now leads.
+            let leads = whole.first().is_some_and(|c| c.iter().any(|e| e == effect));
+            let known = own.iter().any(|e| e == effect);
+            let first = new.next().is_some_and(|c| c.iter().any(|e| e == effect));
+            first || (known && leads)
+        }
+        None => said(verdict).is_empty(),
+    }
+}
+
+fn publish(args: &Args, halves: &[(Split, [Half<'_>; 2])], context: &Context) -> Outcome {
+    let mut counts = [(0usize, 0usize); 3];
+    let mut rows = String::from(
+        "| case | data, split | graft | named on top of the baseline | right |\n|---|---|---|---|---|\n",
+    );
+    let mut failures = Vec::new();
+    for case in 0..args.cases {
+        let (split, _) = &halves[case % halves.len()];
+        let verdict = read(&args.output.join(format!("graft_{case:03}.json")));
+        if verdict.is_null() {
+            continue;
+        }
+        let graft = graft(args, case);
+        let ok = right(graft, &verdict, &read(&split.reference()));
+        let group = match (graft, graft.effect()) {
+            (_, Some(_)) => 0,
+            (Graft::None, None) => 1,
+            _ => 2,
+        };
+        counts[group].0 += usize::from(ok);
+        counts[group].1 += 1;
+        let named: Vec<String> = said(&verdict).iter().map(|c| c.join("\\|")).collect();
+        let line = format!(
+            "| {case} | {} | {} | {} | {} |\n",
+            split.name,
+            graft.told(),
+            named.join(", "),
+            if ok { "yes" } else { "no" }
+        );
+        rows.push_str(&line);
+        if !ok {
+            failures.push(format!(
+                "{case} ({}): {}; said {}",
+                split.name,
+                graft.told(),
+                named.join(", ")
+            ));
+        }
+    }
+    let share = |(right, all): (usize, usize)| (all > 0).then(|| right as f64 / all as f64);
+    let row = |name, of: (usize, usize), target| score::Row {
+        name,
+        value: share(of),
+        of: of.1,
+        target,
+    };
+    let table = score::Table::new(
+        vec![
+            row("grafts named", counts[0], ">= 0.90"),
+            row(
+                "no graft, nothing named on top of the baseline",
+                counts[1],
+                "-",
+            ),
+            row(
+                "lost readings, nothing named on top of the baseline",
+                counts[2],
+                "-",
+            ),
+        ],
+        failures,
+    );
+    let text = format!("{}\n{rows}", table.markdown());
+    write(&args.output.join("score.md"), &text)?;
+    let value = json!({ "seed": args.seed, "rows": table.json(), "failures": table.failures });
+    context.out.result("rb.gap_graft/1", value, || text);
+    Ok(())
+}

@@ -1,0 +1,209 @@
+//! Exact faults of the measurement layer, put onto the recording of one joint.
+
+use std::fmt::Write as _;
+
+use files::dataset::{Motion, Recording, Signal, header_name};
+use hil_sim::bench_cases::log_uniform;
+use hil_sim::rng::Rng;
+
+/// One graft. The robot did what it did; what is changed is what was written down, so that the recording is that of a robot with the fault.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Graft {
+    /// Nothing.
+    None,
+    /// Set-points were sent this much earlier than they were, s.
+    Latency(f64),
+    /// Each set-point was sent earlier by its own random time, 1 sigma in s.
+    Jitter(f64),
+    /// Set-points stand in a frame whose zero is off, rad.
+    Offset(f64),
+    /// Set-points stand in another unit.
+    Scale(f64),
+    /// Set-points have the other sign.
+    Sign,
+    /// The clock that listed the set-points runs at another rate than the robot's.
+    Clock(f64),
+    /// Readings carry time stamps that are this late, s: the same as set-points that come late.
+    Stamp(f64),
+    /// This share of the readings is missing: nothing to be named.
+    Loss(f64),
+}
+
+/// Draws the graft of case `case`: one in four without effect, the others in turn, sizes log-uniform.
+pub(super) fn draw(rng: &mut Rng, case: usize) -> Graft {
+    let mut between = |low, high| log_uniform(rng, low, high);
+    match case % 8 {
+        0 => Graft::Latency(between(0.015, 0.12)),
+        1 => Graft::Offset(between(0.01, 0.2)),
+        2 => Graft::Scale(1.0 + between(0.015, 0.2)),
+        3 => Graft::None,
+        4 => Graft::Clock(1.0 + between(0.002, 0.02)),
+        5 => Graft::Stamp(between(0.015, 0.12)),
+        6 if case % 16 == 6 => Graft::Sign,
+        6 => Graft::Jitter(between(0.03, 0.1)),
+        _ => Graft::Loss(between(0.1, 0.5)),
+    }
+}
+
+impl Graft {
+    /// The effect that the diagnosis should name.
+    pub(super) fn effect(self) -> Option<&'static str> {
+        match self {
+            Self::None | Self::Loss(_) => None,
+            Self::Latency(_) | Self::Stamp(_) => Some("latency"),
+            Self::Jitter(_) => Some("jitter"),
+            Self::Offset(_) => Some("joint_offset"),
+            Self::Scale(_) => Some("joint_scale"),
+            Self::Sign => Some("joint_sign"),
+            Self::Clock(_) => Some("clock_skew"),
+        }
+    }
+
+    /// In words.
+    pub(super) fn told(self) -> String {
+        match self {
+            Self::None => "none".to_owned(),
+            Self::Latency(s) => format!("latency {:.0} ms", 1e3 * s),
+            Self::Jitter(s) => format!("jitter {:.0} ms", 1e3 * s),
+            Self::Offset(x) => format!("offset {:.0} mrad", 1e3 * x),
+            Self::Scale(x) => format!("scale {x:.3}"),
+            Self::Sign => "sign".to_owned(),
+            Self::Clock(x) => format!("clock {x:.4}"),
+            Self::Stamp(s) => format!("time stamps {:.0} ms late", 1e3 * s),
+            Self::Loss(p) => format!("{:.0} % of readings lost", 1e2 * p),
+        }
+    }
+
+    /// The set-point as it is listed, of one that the robot applied.
+    fn listed(self, applied: f64) -> f64 {
+        match self {
+            Self::Offset(x) => applied - x,
+            Self::Scale(x) => applied / x,
+            Self::Sign => -applied,
+            _ => applied,
+        }
+    }
+
+    /// When a set-point is listed that came into force at `t_s`.
+    fn listed_at(self, t_s: f64, rng: &mut Rng) -> f64 {
+        match self {
+            Self::Latency(s) => t_s - s,
+            Self::Jitter(s) => t_s - s * rng.normal().abs(),
+            Self::Clock(x) => t_s * x,
+            _ => t_s,
+        }
+    }
+}
+
+/// The first `longest_s` of a recording with a graft, as CSV. A set-point that is listed between two readings gets a row of its own.
+pub(super) fn csv(
+    recording: &Recording,
+    motion: Motion,
+    graft: Graft,
+    longest_s: f64,
+    seed: u64,
+) -> String {
+    let columns = columns(recording, motion);
+    let mut out = String::from("t_s");
+    for (name, _) in &columns {
+        let _ = write!(out, ",{name}");
+    }
+    out.push('\n');
+    let mut rng = Rng::new(seed, 0x6C, 0);
+    let stamps = recording.t_s();
+    let begin = stamps.first().copied().unwrap_or(0.0);
+    let sent = events(recording, graft, &mut rng);
+    let late = if let Graft::Stamp(s) = graft { s } else { 0.0 };
+    let mut next = 0;
+    let mut set_point = sent.first().map_or(f64::NAN, |e| e.1);
+    for (row, t) in stamps.iter().enumerate() {
+        if t - begin > longest_s {
+            break;
+        }
+        let t = t + late;
+        while let Some((at, value)) = sent.get(next).filter(|e| e.0 < t) {
+            set_point = *value;
+            next += 1;
+            if *at > begin + late {
+                line(&mut out, *at, &columns, |name, column| match name {
+                    Kind::SetPoint => set_point,
+                    Kind::Enable => column[row.saturating_sub(1)],
+                    Kind::Reading => f64::NAN,
+                });
+            }
+        }
+        let lost = matches!(graft, Graft::Loss(p) if rng.chance(p));
+        line(&mut out, t, &columns, |name, column| match name {
+            Kind::SetPoint => set_point,
+            Kind::Reading if lost => f64::NAN,
+            _ => column[row],
+        });
+    }
+    out
+}
+
+/// What a column is to a graft.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    SetPoint,
+    Enable,
+    Reading,
+}
+
+type Column<'a> = (String, (Kind, &'a [f64]));
+
+fn columns(recording: &Recording, motion: Motion) -> Vec<Column<'_>> {
+    let mut out = Vec::new();
+    let joint = recording.joint(0);
+    for signal in Signal::ALL {
+        // An echo of the set-point would betray every fault of the way to the drive.
+        if signal == Signal::AppliedSetpoint {
+            continue;
+        }
+        if let Some(column) = joint.and_then(|j| j.get(signal)) {
+            let kind = match signal {
+                Signal::Setpoint => Kind::SetPoint,
+                Signal::Enable => Kind::Enable,
+                _ => Kind::Reading,
+            };
+            out.push((header_name(signal, motion).to_owned(), (kind, column)));
+        }
+    }
+    if let Some(column) = &recording.body().bus_v {
+        out.push(("bus_v".to_owned(), (Kind::Reading, column)));
+    }
+    out
+}
+
+/// Set-points as listed: time and value, in order.
+fn events(recording: &Recording, graft: Graft, rng: &mut Rng) -> Vec<(f64, f64)> {
+    let Some(column) = recording.joint(0).and_then(|j| j.get(Signal::Setpoint)) else {
+        return Vec::new();
+    };
+    let mut out: Vec<(f64, f64)> = Vec::new();
+    let mut last = f64::NAN;
+    for (t, value) in recording.t_s().iter().zip(column) {
+        if value.is_nan() || *value == last {
+            continue;
+        }
+        last = *value;
+        let at = graft.listed_at(*t, rng);
+        // Set-points keep their order.
+        let at = out.last().map_or(at, |e| at.max(e.0));
+        out.push((at, graft.listed(*value)));
+    }
+    out
+}
+
+fn line(out: &mut String, t_s: f64, columns: &[Column<'_>], value: impl Fn(Kind, &[f64]) -> f64) {
+    let _ = write!(out, "{t_s:.6}");
+    for (_, (kind, column)) in columns {
+        let v = value(*kind, column);
+        if v.is_nan() {
+            out.push(',');
+        } else {
+            let _ = write!(out, ",{v}");
+        }
+    }
+    out.push('\n');
+}
