@@ -2,9 +2,11 @@
 
 mod blind;
 mod blind_whole;
+mod collect;
 mod graft;
 mod grafts;
 mod input;
+mod programme;
 mod report;
 mod score;
 mod score_whole;
@@ -29,6 +31,8 @@ enum Sub {
     Predict(report::PredictArgs),
     /// Check the diagnosis on emulated joints whose planted cause it does not see
     Blind(blind::Args),
+    /// Record on the robot what a diagnosis needs; tells the robot time first
+    Collect(collect::Args),
     /// Put exact faults onto real recordings and check that the diagnosis finds them
     Graft(graft::Args),
 }
@@ -42,6 +46,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         Sub::Report(a) => report::run(a, context),
         Sub::Predict(a) => report::predict(a, context),
         Sub::Blind(a) => blind::run(a, context),
+        Sub::Collect(a) => collect::run(a, context),
         Sub::Graft(a) => graft::run(a, context),
     }
 }

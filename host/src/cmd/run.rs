@@ -226,7 +226,7 @@ fn load(args: &Args, context: &Context, path: &Path) -> Outcome<Gait> {
     Ok(gait)
 }
 
-fn load_model(path: &Path) -> Outcome<String> {
+pub(super) fn load_model(path: &Path) -> Outcome<String> {
     /// A model file with every key and a source for each is under 64 KiB.
     const MAX_MODEL: usize = 1 << 20;
     let bad = |e: anyhow::Error| Failure::new(Exit::BadFile, e);

@@ -56,7 +56,7 @@ pub fn check(folder: &Path) -> Report {
         }
     }
     for run in &manifest.runs {
-        if let Some(text) = read(folder, &run.file, &mut report) {
+        if let Some(text) = run_text(folder, &run.file, &mut report) {
             match Recording::parse(&run.file, &text, &manifest) {
                 Ok((recording, warnings)) => {
                     report.runs += 1;
@@ -79,6 +79,17 @@ fn read(folder: &Path, name: &str, report: &mut Report) -> Option<String> {
         Ok(text) => Some(text),
         Err(error) => {
             report.problems.push(format!("{name}: {error}"));
+            None
+        }
+    }
+}
+
+/// CSV of a run, from a CSV file or a recording.
+fn run_text(folder: &Path, name: &str, report: &mut Report) -> Option<String> {
+    match super::load::run_text(folder, name) {
+        Ok(text) => Some(text),
+        Err(error) => {
+            report.problems.push(error.to_string());
             None
         }
     }

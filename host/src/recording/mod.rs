@@ -3,7 +3,7 @@
 //! [`Recorder`] appends whole chunks and flushes each to the disk, so a file cut by a power failure is complete up to its
 //! last chunk. [`read`] keeps every record before a damaged place and says where the damage is. [`csv`] and [`dataset`]
 //! write the columns and the folder of the data set format; [`check`] compares a recording with itself and the law,
-//! [`folder`] reads a data set folder as others will.
+//! [`folder`] checks a data set folder as others will read it, [`load`] reads it.
 
 pub mod beside;
 pub mod cdr;
@@ -12,6 +12,7 @@ pub mod csv;
 pub mod dataset;
 mod decode;
 pub mod folder;
+mod load;
 mod reader;
 pub mod rows;
 mod scan;
@@ -20,6 +21,7 @@ pub mod set;
 pub mod timing;
 mod writer;
 
+pub use load::{LoadError, Loaded, load};
 pub use reader::{Attachment, ChannelCount, ReadError, Recording, RunData, parse, read};
 pub use rows::{EventRow, Feedback, JointRow, RunEndRow, RunStart, SampleRow};
 pub use scan::{Damage, DamageKind};
