@@ -150,6 +150,36 @@ pub fn plan(seed: u64, index: usize) -> Plan {
     }
 }
 
+/// One run of a robot, as a tracker and a camera saw it: every [`Ride::PERIOD_S`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ride {
+    /// Poses of body 3, from t = 0.
+    pub base: Vec<physics::Pose>,
+    /// Link angles at the same instants, rad.
+    pub link_rad: Vec<[f32; JOINTS]>,
+}
+
+impl Ride {
+    /// Time between two instants, s.
+    pub const PERIOD_S: f64 = SAMPLE_TICKS as f64 * 1e-3;
+}
+
+/// Plays one gait on the robot of a plan; `run` draws what differs between runs.
+///
+/// # Errors
+/// [`RobotCaseError::Impossible`] for parameters that the physics refuses.
+pub fn play(plan: &Plan, gait: &Gait, run: u64) -> Result<Ride, RobotCaseError> {
+    let truth =
+        reality::Reality::new(plan.seed, &plan.planted).ok_or(RobotCaseError::Impossible)?;
+    let mut machine = machine::Machine::new(&truth, gait, Some((plan.seed ^ 0x52, run)))
+        .ok_or(RobotCaseError::Impossible)?;
+    let track = machine.record((plan.duration_s / Ride::PERIOD_S) as usize + 1);
+    Ok(Ride {
+        base: track.iter().map(|s| s.base).collect(),
+        link_rad: track.iter().map(|s| s.link_rad).collect(),
+    })
+}
+
 /// Makes a case from its plan, playing each of `gaits`.
 ///
 /// # Errors
@@ -167,6 +197,10 @@ pub fn case(plan: &Plan, gaits: &[Gait]) -> Result<Case, RobotCaseError> {
             reality::stated_model().to_toml().into_bytes(),
         ),
     ];
+    for gait in gaits {
+        let text = files::gait::to_toml(gait).into_bytes();
+        files.push((format!("gaits/{}.toml", gait.name()), text));
+    }
     let samples = (plan.duration_s * 1000.0) as usize / SAMPLE_TICKS as usize;
     for (g, gait) in gaits.iter().enumerate() {
         for repeat in 0..REPEATS {

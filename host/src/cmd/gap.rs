@@ -2,6 +2,7 @@
 
 mod blind;
 mod blind_whole;
+mod close;
 mod collect;
 mod graft;
 mod grafts;
@@ -31,6 +32,8 @@ enum Sub {
     Predict(report::PredictArgs),
     /// Check the diagnosis on emulated joints whose planted cause it does not see
     Blind(blind::Args),
+    /// Search, run on the emulated robot, diagnose, patch, search again: predicted against achieved speed
+    Close(close::Args),
     /// Record on the robot what a diagnosis needs; tells the robot time first
     Collect(collect::Args),
     /// Put exact faults onto real recordings and check that the diagnosis finds them
@@ -46,6 +49,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         Sub::Report(a) => report::run(a, context),
         Sub::Predict(a) => report::predict(a, context),
         Sub::Blind(a) => blind::run(a, context),
+        Sub::Close(a) => close::run(a, context),
         Sub::Collect(a) => collect::run(a, context),
         Sub::Graft(a) => graft::run(a, context),
     }

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use hil_sim::robot_cases::{self, Label, Plan, Planted, RobotCaseError};
+use hil_sim::robot_cases::{self, Case, Label, Plan, Planted, RobotCaseError};
 use serde_json::{Value, json};
 
 use super::{blind, input, score_whole, shipped};
@@ -19,7 +19,7 @@ fn refused(e: RobotCaseError) -> Failure {
 }
 
 /// `EFFECT[@JOINT][:VALUE[,VALUE...]]`, several joined by `+`; `none` for none.
-fn parse(text: &str, seed: u64) -> Outcome<Vec<Planted>> {
+pub(super) fn parse(text: &str, seed: u64) -> Outcome<Vec<Planted>> {
     if text == "none" {
         return Ok(Vec::new());
     }
@@ -55,6 +55,12 @@ fn parse_one(text: &str, seed: u64) -> Outcome<Planted> {
 pub(super) fn write_case(plan: &Plan, gaits: usize, folder: &Path) -> Outcome<Label> {
     let gaits = shipped::gaits(gaits)?;
     let case = robot_cases::case(plan, &gaits).map_err(refused)?;
+    write_files(&case, folder)?;
+    Ok(case.label)
+}
+
+/// Writes the files of a case.
+pub(super) fn write_files(case: &Case, folder: &Path) -> Outcome {
     for (name, content) in &case.files {
         let path = folder.join(name);
         let fail = |e: std::io::Error| {
@@ -65,7 +71,7 @@ pub(super) fn write_case(plan: &Plan, gaits: usize, folder: &Path) -> Outcome<La
         }
         fs::write(&path, content).map_err(fail)?;
     }
-    Ok(case.label)
+    Ok(())
 }
 
 /// A label as it is sealed.
