@@ -4,6 +4,7 @@
 use files::dataset::Manifest;
 use files::model::{Effect, Model};
 use files::schema::Format;
+use files::structure::Structure;
 use std::path::{Path, PathBuf};
 
 fn root() -> PathBuf {
@@ -29,6 +30,9 @@ fn by_reader(format: Format, text: &str) -> Result<(), String> {
             .map(drop)
             .map_err(|e| e.to_string()),
         Format::Model => Model::parse("f", text).map(drop).map_err(|e| e.to_string()),
+        Format::Robot => Structure::parse("f", text)
+            .map(drop)
+            .map_err(|e| e.to_string()),
         Format::Dataset => Manifest::parse("f", text)
             .map(drop)
             .map_err(|e| e.to_string()),
@@ -56,18 +60,25 @@ fn published_schemas_are_those_of_the_readers() {
     }
 }
 
-fn gait_files(folder: &Path) -> Vec<PathBuf> {
+#[test]
+fn shipped_robots_fit() {
+    for file in toml_files(&root().join("robots")) {
+        accepted(Format::Robot, &std::fs::read_to_string(file).unwrap());
+    }
+}
+
+fn toml_files(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder)
         .unwrap()
         .map(|e| e.unwrap().path());
-    let is_gait = |p: &PathBuf| p.extension().is_some_and(|x| x == "toml");
-    entries.filter(is_gait).collect()
+    let is_toml = |p: &PathBuf| p.extension().is_some_and(|x| x == "toml");
+    entries.filter(is_toml).collect()
 }
 
 #[test]
 fn shipped_gaits_fit() {
-    let mut files = gait_files(&root().join("gaits"));
-    files.extend(gait_files(&root().join("gaits/searched")));
+    let mut files = toml_files(&root().join("gaits"));
+    files.extend(toml_files(&root().join("gaits/searched")));
     assert!(files.len() >= 20);
     for file in files {
         let text = std::fs::read_to_string(&file).unwrap();
@@ -152,6 +163,23 @@ const BROKEN: &[(Format, &str, &str)] = &[
     (Format::Model, "joint_2", "joint_6"),
     (Format::Model, "coulomb_friction", "coulomb_frictions"),
     (Format::Model, "torque_nm", "torque"),
+    (Format::Robot, "format = 1", "format = 0"),
+    (Format::Robot, "cube_m = 0.11", "cube_m = 11"),
+    (Format::Robot, "motor = \"intra\"", "motor = \"servo\""),
+    (Format::Robot, "offset_m = [0, 0, 0]", "offset_m = [0, 0]"),
+    (
+        Format::Robot,
+        "offset_m = [0.11, 0, 0]",
+        "offset_m = [110, 0, 0]",
+    ),
+    (Format::Robot, "centre_m = [0, 0, 0]\n", ""),
+    (
+        Format::Robot,
+        "centre_m = [0, 0, 0]\n",
+        "centre_m = [0, 0, 0]\nmass_kg = 0\n",
+    ),
+    (Format::Robot, "halves = [0, 1]", "halves = [0, -1]"),
+    (Format::Robot, "parent = 2", "parnt = 2"),
     (Format::Dataset, "robot = \"bench\"", "robot = \"arm\""),
     (Format::Dataset, "robot = \"bench\"\n", ""),
     (
@@ -173,6 +201,7 @@ fn what_the_readers_refuse_the_schemas_refuse() {
         let good = match format {
             Format::Gait => GAIT,
             Format::Model => MODEL,
+            Format::Robot => include_str!("../../robots/module.toml"),
             Format::Dataset => DATASET,
         };
         accepted(*format, good);

@@ -23,6 +23,7 @@ pub mod model_file;
 pub mod output;
 pub mod plot;
 pub mod recording;
+pub mod robot_file;
 pub mod runner;
 pub mod searching;
 pub mod settings;

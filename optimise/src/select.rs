@@ -2,8 +2,8 @@
 
 use crate::search::Found;
 use crate::space::GaitSpace;
+use control::gait::Oscillator;
 use control::math;
-use control::robot::JOINTS;
 use serde::{Deserialize, Serialize};
 
 /// How many gaits to take.
@@ -62,29 +62,29 @@ pub enum Why {
 #[must_use]
 pub fn difference(space: &GaitSpace, a: &[f64], b: &[f64]) -> f64 {
     const SAMPLES: usize = 24;
-    let (a, b) = (motion::<SAMPLES>(space, a), motion::<SAMPLES>(space, b));
+    let (a, b) = (motion(space, a, SAMPLES), motion(space, b, SAMPLES));
     let mut sum = 0.0;
-    for (p, q) in a.iter().flatten().zip(b.iter().flatten()) {
+    for (p, q) in a.iter().zip(&b) {
         // Joints turn without end: angles half a turn apart are as far as angles get.
         let gap = f64::from(math::wrap_pi(p - q));
         sum += gap * gap;
     }
-    (sum / (SAMPLES * JOINTS) as f64).sqrt() / f64::from(math::PI)
+    (sum / (SAMPLES * space.joints()) as f64).sqrt() / f64::from(math::PI)
 }
 
-/// Joint angles over one period of the locked gait.
-fn motion<const N: usize>(space: &GaitSpace, position: &[f64]) -> [[f32; JOINTS]; N] {
+/// Joint angles over one period of the locked gait, sample by sample.
+fn motion(space: &GaitSpace, position: &[f64], samples: usize) -> Vec<f32> {
     let Ok(gait) = space.gait(position, "searched") else {
-        return [[f32::NAN; JOINTS]; N];
+        return vec![f32::NAN; samples * space.joints()];
     };
-    core::array::from_fn(|sample| {
-        let turn = math::TAU * sample as f32 / N as f32;
-        let mut angles = [0.0; JOINTS];
-        for (angle, o) in angles.iter_mut().zip(gait.oscillators()) {
-            *angle = o.amplitude_rad * math::sin(turn + o.initial_phase_rad) + o.offset_rad;
-        }
-        angles
-    })
+    let at = |sample: usize| {
+        let turn = math::TAU * sample as f32 / samples as f32;
+        let angle = move |o: &Oscillator| {
+            o.amplitude_rad * math::sin(turn + o.initial_phase_rad) + o.offset_rad
+        };
+        gait.oscillators().iter().map(angle)
+    };
+    (0..samples).flat_map(at).collect()
 }
 
 /// Choose gaits from an archive: first the fittest that differ from each other, then by farthest-point order. The training set takes

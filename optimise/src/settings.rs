@@ -110,6 +110,9 @@ impl SearchSettings {
                 ..gait::OFFSET_RAD
             },
         )?;
+        let joints = self.space.joints() as f64;
+        let most = gait::MAX_OSCILLATORS as f64;
+        range("number of space.joint_speed_rad_s", joints, 1.0, most)?;
         for &speed in &self.space.joint_speed_rad_s {
             range("space.joint_speed_rad_s", speed.into(), 0.01, 20.0)?;
         }

@@ -7,7 +7,7 @@ use control::kinematics;
 use control::linalg::{Pose, Rot3, Vec3};
 use control::robot::{BODIES, JOINTS, RobotModel};
 use files::model::{Key, Model, ModelError};
-use physics::{Drive, Level, Options, Outcome, Params, ParamsError, Start, Trial};
+use physics::{Drive, Level, Options, Outcome, Params, ParamsError, Robot, Start, Trial};
 use rand_chacha::rand_core::Rng;
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -35,8 +35,22 @@ impl Simulated {
     /// # Errors
     /// When the model cannot be simulated.
     pub fn new(model: &Model, duration_s: f32, seed: u64) -> Result<Self, ParamsError> {
+        let robot = Robot::meta_module(model)?;
+        Self::on(Arc::new(robot), model, duration_s, seed)
+    }
+
+    /// As [`Simulated::new`], on another structure.
+    ///
+    /// # Errors
+    /// When the model does not fit the structure.
+    pub fn on(
+        robot: Arc<Robot>,
+        model: &Model,
+        duration_s: f32,
+        seed: u64,
+    ) -> Result<Self, ParamsError> {
         Ok(Self {
-            params: Arc::new(Params::try_from(model)?),
+            params: Arc::new(Params::new(model, robot)?),
             options: Options {
                 sample_rate_hz: PATH_RATE_HZ,
                 stop_on_collision: true,

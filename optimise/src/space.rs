@@ -1,12 +1,9 @@
-//! The 17 numbers: six amplitudes, six offsets, five phase lags of a chain of six oscillators.
+//! The numbers of a gait: an amplitude and an offset per joint and the phase lags of their chain; the meta-module's are 17.
 
 use control::gait::{self, Gait, GaitError, Oscillator, RawGait};
 use control::math;
-use control::robot::JOINTS;
+use physics::{JointClass, Robot};
 use serde::{Deserialize, Serialize};
-
-/// Numbers per gait.
-pub const DIMENSIONS: usize = 3 * JOINTS - 1;
 
 /// The search space and what all its gaits share. Parameters only.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,8 +17,8 @@ pub struct GaitSpace {
     pub weight: f32,
     /// Length of a trial, s; the paper's 30.
     pub duration_s: f32,
-    /// Highest speed a set-point may ask of each joint, rad/s.
-    pub joint_speed_rad_s: [f32; JOINTS],
+    /// Highest speed a set-point may ask of each joint, rad/s; one entry per joint, so its length says how many oscillators a gait has.
+    pub joint_speed_rad_s: Vec<f32>,
     /// Offsets reach this far either way, rad.
     pub offset_limit_rad: f32,
 }
@@ -39,13 +36,37 @@ impl Default for GaitSpace {
             rate_a_per_s: 2.0,
             weight: 0.5,
             duration_s: 30.0,
-            joint_speed_rad_s: [intra, inter, intra, intra, inter, intra],
+            joint_speed_rad_s: vec![intra, inter, intra, intra, inter, intra],
             offset_limit_rad: math::PI,
         }
     }
 }
 
+/// The speeds of [`GaitSpace::default`] for the joints of another robot, by the kind of their motor.
+#[must_use]
+pub fn joint_speeds_rad_s(robot: &Robot) -> Vec<f32> {
+    let [intra, inter] = HAND_TUNED_SPEED_RAD_S;
+    let speed = |class| match class {
+        JointClass::Intra => intra,
+        // A connector has no motor and is not counted among them.
+        JointClass::Inter | JointClass::Connector => inter,
+    };
+    robot.motor_classes().map(speed).collect()
+}
+
 impl GaitSpace {
+    /// Joints, and so oscillators.
+    #[must_use]
+    pub fn joints(&self) -> usize {
+        self.joint_speed_rad_s.len()
+    }
+
+    /// Numbers per gait: 17 for the meta-module.
+    #[must_use]
+    pub fn dimensions(&self) -> usize {
+        (3 * self.joints()).saturating_sub(1)
+    }
+
     /// Bounds of the swarm: amplitudes from 0 to where R 2 pi f meets the joint's speed, offsets, lags of half a turn either way.
     #[must_use]
     pub fn bounds(&self) -> Vec<(f64, f64)> {
@@ -55,30 +76,31 @@ impl GaitSpace {
             (0.0, f64::from(highest))
         });
         let offset = f64::from(self.offset_limit_rad);
-        let offsets = (0..JOINTS).map(|_| (-offset, offset));
+        let offsets = (0..self.joints()).map(|_| (-offset, offset));
         let lag = f64::from(math::PI);
-        let lags = (1..JOINTS).map(|_| (-lag, lag));
+        let lags = (1..self.joints()).map(|_| (-lag, lag));
         amplitudes.chain(offsets).chain(lags).collect()
     }
 
     /// The gait of a position, started phase-locked.
     ///
     /// # Errors
-    /// When the position does not have 17 numbers in range; positions inside [`GaitSpace::bounds`] always are.
+    /// When the position does not have [`GaitSpace::dimensions`] numbers in range; positions inside [`GaitSpace::bounds`] always are.
     pub fn gait(&self, position: &[f64], name: &str) -> Result<Gait, GaitError> {
         let at = |i: usize| position.get(i).map_or(f32::NAN, |&x| x as f32);
-        let oscillators = (0..JOINTS).map(|joint| Oscillator {
+        let joints = self.joints();
+        let oscillators = (0..joints).map(|joint| Oscillator {
             amplitude_rad: at(joint),
-            offset_rad: at(JOINTS + joint),
+            offset_rad: at(joints + joint),
             initial_phase_rad: 0.0,
         });
-        let lags: [f32; JOINTS - 1] = core::array::from_fn(|i| at(2 * JOINTS + i));
+        let lags: Vec<f32> = (1..joints).map(|i| at(2 * joints + i - 1)).collect();
         let mut raw = RawGait {
             name: name.chars().take(gait::MAX_NAME / 4).collect(),
             frequency_hz: self.frequency_hz,
             rate_a_per_s: self.rate_a_per_s,
             duration_s: self.duration_s,
-            oscillators: oscillators.collect(),
+            oscillators: oscillators.take(gait::MAX_OSCILLATORS).collect(),
             links: gait::chain(self.weight, &lags),
         };
         raw.lock_phases();

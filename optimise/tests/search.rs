@@ -6,10 +6,13 @@ use optimise::score::{ScoreSettings, TrialOutcome};
 use optimise::search::{GaitJob, GaitTrials, Search};
 use optimise::select::{SelectSettings, Why, difference, select};
 use optimise::shard::{Exchange, Sharded};
-use optimise::space::{DIMENSIONS, GaitSpace};
+use optimise::space::GaitSpace;
 use optimise::table2::implausible_factor;
 use std::sync::{Arc, Barrier, Mutex};
 use swarm::{Purpose, stream, unit};
+
+/// Numbers of a meta-module's gait (paper, section V).
+const DIMENSIONS: usize = 17;
 
 /// A robot whose speed is known: it grows with the amplitude of joint 1 and with the nearness of its offset to 0.5 rad; joints 2 and
 /// 3 with the same sign of offset collide.
@@ -86,7 +89,7 @@ fn a_search_stored_and_read_back_goes_on_with_the_same_bits() {
 fn amplitudes_respect_the_speed_of_their_joint() {
     let space = GaitSpace::default();
     let bounds = space.bounds();
-    assert_eq!(bounds.len(), DIMENSIONS);
+    assert_eq!((bounds.len(), space.dimensions()), (DIMENSIONS, DIMENSIONS));
     let speed = |joint: usize| bounds[joint].1 * core::f64::consts::TAU * 0.2;
     assert!((speed(0) - 2.5).abs() < 1e-6 && (speed(1) - 1.5).abs() < 1e-6);
     let corner: Vec<f64> = bounds.iter().map(|b| b.1).collect();

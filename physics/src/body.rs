@@ -66,7 +66,7 @@ impl Body {
         let tree = Tree::new(&params.robot);
         let (lane, switches) = LaneParams::new(&params.robot, &[&params], h, options.sweeps);
         let mut state = State::at_rest();
-        state.position.z = tree.face_m;
+        state.position.z = tree.home_height_m;
         let gravity = params.gravity_m_s2;
         Ok(Body {
             params,

@@ -21,6 +21,26 @@ pub enum ParamsError {
         /// Its stage.
         stage: Stage,
     },
+    /// The effect acts on a joint that the robot does not have.
+    #[error(
+        "the robot has {joints} joints with motors, so there is no joint {joint} for `{effect}`; remove it"
+    )]
+    Joint {
+        /// Name of the effect.
+        effect: &'static str,
+        /// Its joint.
+        joint: usize,
+        /// Joints of the robot.
+        joints: usize,
+    },
+    /// The effect acts on a connection that the robot does not have.
+    #[error(
+        "the robot has no connector for `{effect}`; give its structure joints with motor = \"connector\", or remove the effect"
+    )]
+    Connector {
+        /// Name of the effect.
+        effect: &'static str,
+    },
     /// The geometry does not fit together.
     #[error(transparent)]
     Robot(#[from] RobotError),
@@ -125,13 +145,16 @@ impl TryFrom<&Model> for Params {
 
 impl Params {
     /// Parameters of a model on another structure; joint effects go by joint index, masses by half-sphere (at most eight; a larger
-    /// structure repeats them).
+    /// structure repeats them), where the structure gives none of its own.
     ///
     /// # Errors
-    /// [`ParamsError::Effect`] for effects of stages that the body simulator does not hold.
+    /// Effects of stages that the body simulator does not hold, or on joints or connectors that the robot does not have.
     pub fn new(model: &Model, robot: Arc<Robot>) -> Result<Params, ParamsError> {
         let half_masses_kg = (0..robot.raw().halves.len())
-            .map(|h| model.value(Key::MASSES[h % Key::MASSES.len()]))
+            .map(|h| {
+                let own_kg = robot.raw().halves[h].mass_kg;
+                own_kg.unwrap_or_else(|| model.value(Key::MASSES[h % Key::MASSES.len()]))
+            })
             .collect();
         let mut joints = Vec::with_capacity(robot.joints());
         for joint in 0..robot.joints() {
@@ -166,8 +189,14 @@ impl Params {
     }
 
     fn apply_joint(&mut self, effect: Effect, joint: usize, v: &[f64]) -> Result<(), ParamsError> {
-        let Some(j) = self.joints.get_mut(joint) else {
-            return Ok(());
+        let joints = self.robot.motors();
+        let Some(j) = self.joints[..joints].get_mut(joint) else {
+            let effect = effect.info().name;
+            return Err(ParamsError::Joint {
+                effect,
+                joint,
+                joints,
+            });
         };
         match effect {
             Effect::JointSign | Effect::JointScale => j.command_ratio *= v[0],
@@ -199,6 +228,11 @@ impl Params {
 
     fn apply(&mut self, effect: Effect, v: &[f64]) -> Result<(), ParamsError> {
         let connectors = self.robot.motors()..self.joints.len();
+        let bends = matches!(effect, Effect::ConnectorCompliance | Effect::ConnectorPlay);
+        if bends && connectors.is_empty() {
+            let effect = effect.info().name;
+            return Err(ParamsError::Connector { effect });
+        }
         match effect {
             Effect::ConnectorCompliance => {
                 for j in &mut self.joints[connectors] {

@@ -283,7 +283,7 @@ fn initial_state<L: Lane>(robot: &Robot, tree: &Tree, trials: &[&Trial]) -> Stat
     for lane in 0..L::N {
         let trial = trials[lane.min(trials.len() - 1)];
         match &trial.start {
-            Start::Home | Start::HomeAtOnce => state.position.z.set(lane, tree.face_m),
+            Start::Home | Start::HomeAtOnce => state.position.z.set(lane, tree.home_height_m),
             Start::State {
                 base,
                 twist,

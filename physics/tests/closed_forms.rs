@@ -153,11 +153,13 @@ fn pendulum(axis: [f64; 3]) -> Robot {
                 body: 0,
                 centre_m: [0.0; 3],
                 faces: e.map(|a| a.map(|x| -x)),
+                mass_kg: None,
             },
             RawHalf {
                 body: 1,
                 centre_m: [0.0; 3],
                 faces: e,
+                mass_kg: None,
             },
         ],
         cubes: vec![[0, 1]],

@@ -6,6 +6,7 @@
 mod dataset;
 mod gait;
 mod model;
+mod robot;
 
 use serde_json::{Map, Value, json};
 
@@ -16,13 +17,15 @@ pub enum Format {
     Gait,
     /// `model.toml`.
     Model,
+    /// `robot.toml`.
+    Robot,
     /// `dataset.toml`.
     Dataset,
 }
 
 impl Format {
     /// Every format.
-    pub const ALL: [Format; 3] = [Format::Gait, Format::Model, Format::Dataset];
+    pub const ALL: [Format; 4] = [Format::Gait, Format::Model, Format::Robot, Format::Dataset];
 
     /// Name of the schema and of its file.
     #[must_use]
@@ -30,6 +33,7 @@ impl Format {
         match self {
             Format::Gait => "gait",
             Format::Model => "model",
+            Format::Robot => "robot",
             Format::Dataset => "dataset",
         }
     }
@@ -40,6 +44,7 @@ impl Format {
         match self {
             Format::Gait => gait::schema(),
             Format::Model => model::schema(),
+            Format::Robot => robot::schema(),
             Format::Dataset => dataset::schema(),
         }
     }

@@ -47,6 +47,8 @@ enum Name {
     Gait,
     /// model.toml
     Model,
+    /// robot.toml
+    Robot,
     /// dataset.toml
     Dataset,
     /// The JSON of `gap report`
@@ -72,6 +74,7 @@ fn schema(name: Name) -> String {
     let format = match name {
         Name::Gait => Format::Gait,
         Name::Model => Format::Model,
+        Name::Robot => Format::Robot,
         Name::Dataset => Format::Dataset,
         Name::Verdict => return VERDICT.to_owned(),
     };

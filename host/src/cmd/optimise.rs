@@ -6,21 +6,25 @@ mod draw;
 mod meta;
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use clap::{Args as ClapArgs, Subcommand, ValueEnum};
+use control::robot::JOINTS;
 use files::model::{Key, Model};
 use optimise::search::{GaitTrials, Search};
 use optimise::select::{Chosen, select};
 use optimise::settings::SearchSettings;
 use optimise::shard::{Alone, Exchange, Sharded};
 use optimise::simulated::Simulated;
+use optimise::space::joint_speeds_rad_s;
 use serde_json::json;
 
 use crate::cli::parse_duration;
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::interrupt;
+use crate::robot_file::RobotFile;
 use crate::searching::curve;
 use crate::searching::folder::Folder;
 
@@ -49,6 +53,9 @@ struct GaitArgs {
     /// Robot model and effects; the shipped hand-tuned model when absent
     #[arg(short, long, value_name = "FILE", conflicts_with = "resume")]
     model: Option<PathBuf>,
+    /// Another robot than the meta-module (robot.toml); gaits get as many oscillators as it has motors
+    #[arg(long, value_name = "FILE", conflicts_with = "resume")]
+    robot: Option<PathBuf>,
     /// Folder for settings, model, checkpoint, curve and found gaits
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -126,35 +133,52 @@ fn search_over_processes(_: &GaitArgs, _: &Task, _: &Context) -> Outcome {
 struct Task {
     settings: SearchSettings,
     model: Model,
+    robot: Option<RobotFile>,
 }
 
-/// Names of the settings and the model inside the folder.
+/// Names of the settings, the model and the structure inside the folder.
 const SETTINGS: &str = "optimise.toml";
 /// See [`SETTINGS`].
 const MODEL: &str = "model.toml";
+/// See [`SETTINGS`].
+const ROBOT: &str = "robot.toml";
 
 impl Task {
     /// From the folder when resumed, else from files and flags.
     fn gather(args: &GaitArgs) -> Outcome<Self> {
-        let (settings, model) = if args.resume {
+        let (settings, model, robot) = if args.resume {
             let folder = Folder::open(&args.output, true)?;
-            (Some(folder.join(SETTINGS)), Some(folder.join(MODEL)))
+            let robot = folder.join(ROBOT);
+            let [settings, model] = [SETTINGS, MODEL].map(|name| Some(folder.join(name)));
+            (settings, model, robot.exists().then_some(robot))
         } else {
-            (args.settings.clone(), args.model.clone())
+            let GaitArgs {
+                settings,
+                model,
+                robot,
+                ..
+            } = args;
+            (settings.clone(), model.clone(), robot.clone())
         };
+        let model = crate::model_file::load(model.as_deref())?;
+        let robot = robot
+            .map(|path| crate::robot_file::load(&path, &model))
+            .transpose()?;
+        let settings = gather_settings(args, settings.as_deref(), robot.as_ref())?;
         Ok(Self {
-            settings: gather_settings(args, settings.as_deref())?,
-            model: crate::model_file::load(model.as_deref())?,
+            settings,
+            model,
+            robot,
         })
     }
 
     fn trials(&self) -> Outcome<Simulated> {
-        Simulated::new(
-            &self.model,
-            self.settings.space.duration_s,
-            self.settings.seed,
-        )
-        .map_err(|error| Failure::new(Exit::BadFile, error))
+        let (duration_s, seed) = (self.settings.space.duration_s, self.settings.seed);
+        let trials = match &self.robot {
+            Some(file) => Simulated::on(Arc::clone(&file.robot), &self.model, duration_s, seed),
+            None => Simulated::new(&self.model, duration_s, seed),
+        };
+        trials.map_err(|error| Failure::new(Exit::BadFile, error))
     }
 
     /// The search at its start, or as the checkpoint has it. The process that writes gets the folder with it.
@@ -181,6 +205,9 @@ impl Task {
             let settings = toml::to_string(&self.settings).map_err(anyhow::Error::from)?;
             folder.write(SETTINGS, settings.as_bytes())?;
             folder.write(MODEL, self.model.to_toml().as_bytes())?;
+            if let Some(robot) = &self.robot {
+                folder.write(ROBOT, robot.text.as_bytes())?;
+            }
             folder.store(&search)?;
         }
         Ok((search, folder))
@@ -326,12 +353,27 @@ fn row(name: &str, gait: &Chosen) -> String {
     )
 }
 
-/// File, then flags.
-fn gather_settings(args: &GaitArgs, file: Option<&Path>) -> Outcome<SearchSettings> {
-    let mut settings = match file {
+/// File, then flags. Speeds of the joints that the file does not give are those of the robot's motors.
+fn gather_settings(
+    args: &GaitArgs,
+    file: Option<&Path>,
+    robot: Option<&RobotFile>,
+) -> Outcome<SearchSettings> {
+    let (mut settings, speeds_given) = match file {
         Some(path) => read_settings(path)?,
-        None => SearchSettings::default(),
+        None => (SearchSettings::default(), false),
     };
+    if let Some(file) = robot.filter(|_| !speeds_given) {
+        settings.space.joint_speed_rad_s = joint_speeds_rad_s(&file.robot);
+    }
+    let motors = robot.map_or(JOINTS, |file| file.robot.motors());
+    if settings.space.joints() != motors {
+        let found = settings.space.joints();
+        let message = format!(
+            "space.joint_speed_rad_s has {found} entries, the robot has {motors} joints with motors"
+        );
+        return Err(Failure::say(Exit::BadFile, message).hint("give one speed per joint, or none"));
+    }
     if let Some(particles) = args.particles {
         settings.particles = particles;
     }
@@ -347,7 +389,8 @@ fn gather_settings(args: &GaitArgs, file: Option<&Path>) -> Outcome<SearchSettin
     Ok(settings)
 }
 
-fn read_settings(path: &Path) -> Outcome<SearchSettings> {
+/// Settings, and whether they name the speeds of the joints.
+fn read_settings(path: &Path) -> Outcome<(SearchSettings, bool)> {
     let shown = path.display();
     let text = std::fs::read_to_string(path)
         .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
@@ -356,5 +399,9 @@ fn read_settings(path: &Path) -> Outcome<SearchSettings> {
     settings
         .check()
         .map_err(|error| Failure::say(Exit::BadFile, format!("{shown}: {error}")))?;
-    Ok(settings)
+    let table: toml::Table = toml::from_str(&text)
+        .map_err(|error| Failure::say(Exit::BadFile, format!("{shown}: {error}")))?;
+    let space = table.get("space").and_then(toml::Value::as_table);
+    let speeds_given = space.is_some_and(|space| space.contains_key("joint_speed_rad_s"));
+    Ok((settings, speeds_given))
 }

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 
 use control::cpg;
 use control::gait::Gait;
-use control::robot::JOINTS;
 use files::model::{Key, Model};
 use optimise::meta::{FilmMaker, Placement, rows_of};
 use optimise::simulated::bodies;
@@ -17,6 +16,7 @@ use std::time::Duration;
 use crate::cli::parse_duration;
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome as Done};
+use crate::robot_file::RobotFile;
 use crate::searching::films;
 use crate::searching::frames::{Frames, make_empty};
 
@@ -29,6 +29,9 @@ pub struct Args {
     /// Robot model and effects; the shipped hand-tuned model when absent
     #[arg(short, long, value_name = "FILE")]
     model: Option<PathBuf>,
+    /// Another robot than the meta-module (robot.toml); gaits need as many oscillators as it has motors
+    #[arg(long, value_name = "FILE", conflicts_with = "camera")]
+    robot: Option<PathBuf>,
     /// Length of each run [default: as the gait says]
     #[arg(short, long, value_name = "TIME", value_parser = parse_duration)]
     duration: Option<Duration>,
@@ -58,8 +61,15 @@ const RATE_HZ: f64 = films::RATE_HZ;
 /// Exit code 3 for files, 1 when the disk refuses.
 pub fn run(args: &Args, context: &Context) -> Done {
     let model = crate::model_file::load(args.model.as_deref())?;
-    let params =
-        Arc::new(Params::try_from(&model).map_err(|error| Failure::new(Exit::BadFile, error))?);
+    let robot = args.robot.as_deref();
+    let robot = robot
+        .map(|path| crate::robot_file::load(path, &model))
+        .transpose()?;
+    let params = match &robot {
+        Some(file) => Params::new(&model, Arc::clone(&file.robot)),
+        None => Params::try_from(&model),
+    };
+    let params = Arc::new(params.map_err(|error| Failure::new(Exit::BadFile, error))?);
     let gaits = args
         .gaits
         .iter()
@@ -83,7 +93,7 @@ pub fn run(args: &Args, context: &Context) -> Done {
     let outcomes =
         physics::run(&trials, &options).map_err(|error| Failure::new(Exit::Usage, error))?;
     if let Some(folder) = &args.output {
-        let folder = Writer::new(folder, args.camera, &model, context)?;
+        let folder = Writer::new(folder, args.camera, &model, robot.as_ref(), context)?;
         folder.write(&gaits, &runs, &trials, &outcomes)?;
     }
     report(&gaits, &runs, &outcomes, context);
@@ -170,17 +180,25 @@ struct Writer<'a> {
     folder: &'a Path,
     films: bool,
     model: &'a Model,
+    robot: Option<&'a RobotFile>,
     context: &'a Context,
 }
 
 impl<'a> Writer<'a> {
-    fn new(folder: &'a Path, films: bool, model: &'a Model, context: &'a Context) -> Done<Self> {
+    fn new(
+        folder: &'a Path,
+        films: bool,
+        model: &'a Model,
+        robot: Option<&'a RobotFile>,
+        context: &'a Context,
+    ) -> Done<Self> {
         make_empty(folder)?;
         std::fs::create_dir_all(folder.join("gaits"))?;
         Ok(Self {
             folder,
             films,
             model,
+            robot,
             context,
         })
     }
@@ -232,7 +250,11 @@ impl<'a> Writer<'a> {
             self.folder.join("model.toml"),
             Model::hand_tuned().to_toml(),
         )?;
-        std::fs::write(self.folder.join("dataset.toml"), manifest)?;
+        match self.robot {
+            None => std::fs::write(self.folder.join("dataset.toml"), manifest)?,
+            // The data set format knows the meta-module and the bench, so another robot's runs have no manifest.
+            Some(robot) => std::fs::write(self.folder.join("robot.toml"), &robot.text)?,
+        }
         Ok(())
     }
 
@@ -273,9 +295,10 @@ fn centring_start_m(outcome: &Outcome) -> [f32; 2] {
 
 /// Set-points at 20 Hz and link angles with the base pose at the film's rate, each in rows of their own time.
 fn csv(gait: &Gait, outcome: &Outcome, start_m: [f32; 2]) -> String {
+    let joints = gait.oscillators().len();
     let mut text = String::from("t_s");
     for signal in ["setpoint_rad", "link_position_rad"] {
-        for k in 0..JOINTS {
+        for k in 0..joints {
             let _ = write!(text, ",{signal}_{k}");
         }
     }
@@ -285,7 +308,7 @@ fn csv(gait: &Gait, outcome: &Outcome, start_m: [f32; 2]) -> String {
     let samples = outcome
         .poses
         .iter()
-        .zip(outcome.angles_rad.as_chunks::<JOINTS>().0);
+        .zip(outcome.angles_rad.chunks_exact(joints));
     for (k, (pose, angles)) in samples.enumerate() {
         let t_s = k as f64 / RATE_HZ;
         while f64::from(tick) / CONTROL_RATE_HZ <= t_s + 1e-9 {
@@ -294,12 +317,12 @@ fn csv(gait: &Gait, outcome: &Outcome, start_m: [f32; 2]) -> String {
             for q in set_points.as_slice() {
                 let _ = write!(text, ",{q}");
             }
-            text.push_str(&",".repeat(JOINTS + 7));
+            text.push_str(&",".repeat(joints + 7));
             text.push('\n');
             tick += 1;
         }
         // A hundred nanoseconds later where both fall together: times of a file must rise.
-        let _ = write!(text, "{:.7}{}", t_s + 1e-7, ",".repeat(JOINTS));
+        let _ = write!(text, "{:.7}{}", t_s + 1e-7, ",".repeat(joints));
         let [x, y, z] = pose.position_m;
         let position_m = [x + start_m[0], y + start_m[1], z];
         let pose = position_m.iter().chain(&pose.quaternion);

@@ -8,6 +8,7 @@ fn schemas_are_printed_as_published() {
     for (name, file) in [
         ("gait", "gait.json"),
         ("model", "model.json"),
+        ("robot", "robot.json"),
         ("dataset", "dataset.json"),
         ("verdict", "gap-1.json"),
     ] {
@@ -113,5 +114,81 @@ fn a_data_set_folder_is_checked_file_by_file() {
             found.iter().any(|f| f.starts_with(said)),
             "{said}: {found:?}"
         );
+    }
+}
+
+/// A gait for the single module: three oscillators.
+const THREE: &str = "format = 1\nname = \"three\"\nfrequency_hz = 0.2\nduration_s = 4\ncoupling = \"chain\"\nphase_lag_deg = [90, 90]\n\
+    [[oscillator]]\namplitude_deg = 60\n[[oscillator]]\namplitude_deg = 40\n[[oscillator]]\namplitude_deg = 60\n";
+
+fn robot(name: &str) -> String {
+    format!("{}/../robots/{name}", env!("CARGO_MANIFEST_DIR"))
+}
+
+#[test]
+fn another_robot_walks_and_a_gait_that_does_not_fit_is_refused() {
+    let folder = Folder::new("robot");
+    folder.write("three.toml", THREE);
+    let module = robot("module.toml");
+    let args = [
+        "sim",
+        "three.toml",
+        "--robot",
+        &module,
+        "-o",
+        "out",
+        "--json",
+    ];
+    let done = rb(&folder, &args).expect(0);
+    let run = &done.json()["runs"][0];
+    assert!(run["distance_m"].as_f64().unwrap() > 0.001, "{run}");
+    let csv = std::fs::read_to_string(folder.path("out/three_1.csv")).unwrap();
+    let head = csv.lines().next().unwrap();
+    assert!(head.contains("link_position_rad_2,base_x_m"), "{head}");
+    assert!(folder.path("out/robot.toml").exists());
+
+    let six = rb(&folder, &["sim", &gait("crawl.toml"), "--robot", &module]).expect(2);
+    assert!(six.err.contains("the robot has 3 motors"), "{}", six.err);
+    // The meta-module as a file is the built-in one.
+    let crawl = gait("crawl.toml");
+    let built_in = rb(&folder, &["sim", &crawl, "--json"]).expect(0).json();
+    let file = robot("metamodule.toml");
+    let from_file = rb(&folder, &["sim", &crawl, "--robot", &file, "--json"]);
+    assert_eq!(from_file.expect(0).json(), built_in);
+}
+
+#[test]
+fn a_structure_that_is_no_robot_is_refused_with_its_line() {
+    let folder = Folder::new("structure");
+    folder.write("three.toml", THREE);
+    let good = std::fs::read_to_string(robot("module.toml")).unwrap();
+    for (old, new, said) in [
+        ("format = 1", "format = 2", "bad.toml:2: format = 2"),
+        (
+            "parent = 2",
+            "parent = 7",
+            "bad.toml:23: body 3 (from 0) refers to 7",
+        ),
+        (
+            "joint = 2",
+            "joint = 1",
+            "bad.toml:23: joint indices must count",
+        ),
+        ("motor = \"inter\"", "motor = \"none\"", "bad.toml:21: "),
+        (
+            "halves = [0, 1]",
+            "halves = [0, 2]",
+            "bad.toml:50: the halves of cube 0",
+        ),
+        (
+            "cube_m = 0.11",
+            "cube_m = 0.2",
+            "bad.toml:1: ball radius 0.062 m",
+        ),
+    ] {
+        assert!(good.contains(old), "{old}");
+        folder.write("bad.toml", good.replacen(old, new, 1));
+        let done = rb(&folder, &["sim", "three.toml", "--robot", "bad.toml"]).expect(3);
+        assert!(done.err.contains(said), "{said}: {}", done.err);
     }
 }

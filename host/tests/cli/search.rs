@@ -113,6 +113,30 @@ fn a_resumed_search_keeps_its_settings_and_can_be_made_longer() {
     assert_same(&folder, "short", &expected);
 }
 
+/// A search on another structure: its gaits have as many oscillators as the robot has motors, and a resumed search knows the robot.
+#[test]
+fn another_robot_is_searched_and_resumed() {
+    let folder = Folder::new("module");
+    folder.write("small.toml", SETTINGS);
+    let module = format!("{}/../robots/module.toml", env!("CARGO_MANIFEST_DIR"));
+    let args = ["optimise", "gait", "-s", "small.toml", "--robot", &module];
+    rb(&folder, &[&args[..], &["-o", "whole"]].concat()).expect(0);
+    let cut = [&args[..], &["-o", "cut", "--iterations", "9"]].concat();
+    rb(&folder, &cut).expect(0);
+    let resume = ["optimise", "gait", "-o", "cut", "--resume"];
+    let more = ["--iterations", ITERATIONS];
+    rb(&folder, &[&resume[..], &more].concat()).expect(0);
+    assert_same(&folder, "cut", &left_by(&folder, "whole"));
+    let found = std::fs::read_to_string(folder.path("whole/gaits/g01.toml")).unwrap();
+    assert_eq!(found.matches("[[oscillator]]").count(), 3, "{found}");
+    // Speeds for six joints do not fit a robot with three.
+    let six = "joint_speed_rad_s = [2.5, 1.5, 2.5, 2.5, 1.5, 2.5]";
+    let text = SETTINGS.replace("[space]", &format!("[space]\n{six}"));
+    folder.write("small.toml", text);
+    let refused = rb(&folder, &[&args[..], &["-o", "six"]].concat()).expect(3);
+    assert!(refused.err.contains("6 entries"), "{}", refused.err);
+}
+
 /// Needs a build with `--features mpi` and OpenMPI's `mpirun`; `cargo xtask test` runs it where both are to be had.
 #[cfg(feature = "mpi")]
 mod mpi {

@@ -35,6 +35,8 @@ pub(crate) struct Tree {
     pub com_m: f64,
     pub centre_inertia_m2: f64,
     pub fixed_base: bool,
+    /// Height of the base's origin over the ground at home.
+    pub home_height_m: f64,
 }
 
 impl Tree {
@@ -64,6 +66,7 @@ impl Tree {
             com_m: shape.com_m,
             centre_inertia_m2: shape.centre_inertia_m2,
             fixed_base: raw.fixed_base,
+            home_height_m: robot.home_height_m(),
         };
         for (b, body) in raw.bodies.iter().enumerate() {
             tree.parent[b] = body.parent.unwrap_or(0);

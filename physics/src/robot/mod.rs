@@ -4,8 +4,15 @@
 //! three joints); every other body hangs on its parent by one hinge. [`RawRobot`] is what a structure is written as; [`Robot`] is
 //! checked, sorted and holds the constants of the half-sphere's shape.
 
+mod check;
+mod error;
+
+pub use error::RobotError;
+
+use check::{check_bodies, check_shapes, check_whole, home_origins};
 use control::robot::{RobotModel, RobotParams};
 use files::model::{Key, Model};
+use files::structure::{Hinge, Motor, Structure};
 
 /// Most joints of a robot: two meta-modules (`control::gait::MAX_OSCILLATORS`).
 pub const MAX_JOINTS: usize = 12;
@@ -53,6 +60,8 @@ pub struct RawHalf {
     pub centre_m: [f64; 3],
     /// The three outward normals of the faces that cut it, unit, at right angles; their sum points to the half's middle.
     pub faces: [[f64; 3]; 3],
+    /// Mass, kg; `None` = the model's for the half-sphere with this index, modulo 8.
+    pub mass_kg: Option<f64>,
 }
 
 /// A structure as written, not yet checked.
@@ -72,63 +81,6 @@ pub struct RawRobot {
     pub ball_radius_m: f64,
     /// Whether the base is bolted to the world.
     pub fixed_base: bool,
-}
-
-/// Why a structure was refused.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum RobotError {
-    /// More than the engine holds.
-    #[error("the robot has {found} {what}, at most {most} are supported")]
-    TooMany {
-        /// What there is too much of.
-        what: &'static str,
-        /// How many there are.
-        found: usize,
-        /// How many there may be.
-        most: usize,
-    },
-    /// A body, half-sphere or cube refers to something that does not exist or comes later.
-    #[error("{what} {index} refers to {to}, which does not exist or does not stand before it")]
-    Reference {
-        /// What refers.
-        what: &'static str,
-        /// Its index.
-        index: usize,
-        /// What it refers to.
-        to: usize,
-    },
-    /// An axis or normal is not of unit length, or normals are not at right angles.
-    #[error("{what} {index} is not a unit vector at right angles to its fellows")]
-    NotUnit {
-        /// What it is.
-        what: &'static str,
-        /// Its index.
-        index: usize,
-    },
-    /// Joint indices must be 0.. without gaps, the base alone without joint.
-    #[error(
-        "joint indices must count from 0 without gaps, one per body but the base; body {body} breaks this"
-    )]
-    Joints {
-        /// The offending body.
-        body: usize,
-    },
-    /// The two halves of a cube must share a centre and face away from each other.
-    #[error("the halves of cube {cube} do not share a centre or do not face away from each other")]
-    Cube {
-        /// The offending cube.
-        cube: usize,
-    },
-    /// The ball must be larger than the inscribed and smaller than the edge-touching ball of the cube.
-    #[error("ball radius {radius_m} m must lie between {min_m} and {max_m} m for this cube")]
-    Ball {
-        /// The refused radius.
-        radius_m: f64,
-        /// Half the cube's edge.
-        min_m: f64,
-        /// Largest radius for which the face discs stay apart.
-        max_m: f64,
-    },
 }
 
 /// Constants of the half-sphere: a half ball less three caps, uniform density, per kg.
@@ -184,7 +136,66 @@ pub struct Robot {
     paths: Vec<u32>,
 }
 
+impl From<&Structure> for RawRobot {
+    fn from(structure: &Structure) -> RawRobot {
+        let base = Hinge {
+            parent: 0,
+            offset_m: [0.0; 3],
+            axis: [1.0, 0.0, 0.0],
+            joint: 0,
+            motor: Motor::Connector,
+        };
+        let body = |hinge: &Option<Hinge>| {
+            let h = hinge.as_ref().unwrap_or(&base);
+            RawBody {
+                parent: hinge.as_ref().map(|h| h.parent),
+                offset_m: h.offset_m,
+                axis: h.axis,
+                joint: hinge.as_ref().map(|h| h.joint),
+                class: match h.motor {
+                    Motor::Intra => JointClass::Intra,
+                    Motor::Inter => JointClass::Inter,
+                    Motor::Connector => JointClass::Connector,
+                },
+            }
+        };
+        let halves = structure.halves.iter().map(|half| RawHalf {
+            body: half.body,
+            centre_m: half.centre_m,
+            faces: half.faces,
+            mass_kg: half.mass_kg,
+        });
+        RawRobot {
+            bodies: structure.bodies.iter().map(body).collect(),
+            halves: halves.collect(),
+            cubes: structure.cubes.clone(),
+            pairs: structure.pairs.clone(),
+            cube_m: structure.cube_m,
+            ball_radius_m: structure.ball_radius_m,
+            fixed_base: structure.fixed_base,
+        }
+    }
+}
+
 impl Robot {
+    /// The robot of a structure file. A meta-module with the model's twist is known as one: the firmware's pre-check looks at it too.
+    ///
+    /// # Errors
+    /// When the parts do not make a robot.
+    pub fn of_structure(structure: &Structure, model: &Model) -> Result<Robot, RobotError> {
+        let mut robot = Robot::try_from(RawRobot::from(structure))?;
+        let [cube_m, ball_m] = [robot.raw.cube_m, robot.raw.ball_radius_m];
+        let twist_rad = model.value(Key::Twist);
+        let mut known = meta_module(cube_m, ball_m, twist_rad, false);
+        for (half, ours) in known.halves.iter_mut().zip(&robot.raw.halves) {
+            half.mass_kg = ours.mass_kg;
+        }
+        if known == robot.raw {
+            robot.precheck = precheck(cube_m, ball_m, twist_rad);
+        }
+        Ok(robot)
+    }
+
     /// The meta-module of a model: two modules, joints 0..5, base = body 3.
     ///
     /// # Errors
@@ -202,15 +213,11 @@ impl Robot {
             model.value(Key::Twist),
             connector,
         ))?;
-        // Geometry beyond what the pre-check accepts is left to this crate's own clearance.
-        robot.precheck = RobotModel::new(RobotParams {
-            twist_rad: model.value(Key::Twist) as f32,
-            cube_m: model.value(Key::Cube) as f32,
-            ball_radius_m: model.value(Key::BallRadius) as f32,
-            ..RobotParams::default()
-        })
-        .ok()
-        .map(Box::new);
+        robot.precheck = precheck(
+            model.value(Key::Cube),
+            model.value(Key::BallRadius),
+            model.value(Key::Twist),
+        );
         Ok(robot)
     }
 
@@ -252,6 +259,22 @@ impl Robot {
         self.raw.bodies.len() - 1
     }
 
+    /// Motor of each joint that gaits count, by joint index.
+    pub fn motor_classes(&self) -> impl Iterator<Item = JointClass> {
+        (0..self.motors()).map(|joint| self.raw.bodies[self.body_of_joint[joint]].class)
+    }
+
+    /// Height of the base's origin over the ground at home: the lowest cube lies on its face, m.
+    pub(crate) fn home_height_m(&self) -> f64 {
+        let origins = home_origins(&self.raw);
+        let heights = self
+            .raw
+            .halves
+            .iter()
+            .map(|half| origins[half.body][2] + half.centre_m[2]);
+        self.shape.face_m - heights.fold(f64::INFINITY, f64::min)
+    }
+
     pub(crate) fn body_of_joint(&self, joint: usize) -> usize {
         self.body_of_joint[joint]
     }
@@ -268,8 +291,16 @@ impl Robot {
     }
 }
 
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+/// The firmware's view of a meta-module; geometry beyond what it accepts is left to this crate's own clearance.
+fn precheck(cube_m: f64, ball_radius_m: f64, twist_rad: f64) -> Option<Box<RobotModel>> {
+    RobotModel::new(RobotParams {
+        twist_rad: twist_rad as f32,
+        cube_m: cube_m as f32,
+        ball_radius_m: ball_radius_m as f32,
+        ..RobotParams::default()
+    })
+    .ok()
+    .map(Box::new)
 }
 
 impl TryFrom<RawRobot> for Robot {
@@ -299,6 +330,7 @@ impl TryFrom<RawRobot> for Robot {
         }
         let (body_of_joint, paths) = check_bodies(&raw)?;
         check_shapes(&raw)?;
+        check_whole(&raw, &body_of_joint, &paths)?;
         let shape = HalfShape::new(raw.cube_m, raw.ball_radius_m);
         Ok(Robot {
             raw,
@@ -308,94 +340,6 @@ impl TryFrom<RawRobot> for Robot {
             paths,
         })
     }
-}
-
-fn check_bodies(raw: &RawRobot) -> Result<(Vec<usize>, Vec<u32>), RobotError> {
-    let count = raw.bodies.len();
-    let mut body_of_joint = vec![0; count.saturating_sub(1)];
-    let mut paths = vec![0u32; count];
-    for (index, body) in raw.bodies.iter().enumerate() {
-        match (index, body.parent, body.joint) {
-            (0, None, None) => {}
-            (0, _, _) | (_, None, _) | (_, _, None) => {
-                return Err(RobotError::Joints { body: index });
-            }
-            (_, Some(parent), Some(joint)) => {
-                if parent >= index {
-                    return Err(RobotError::Reference {
-                        what: "body",
-                        index,
-                        to: parent,
-                    });
-                }
-                let Some(slot) = body_of_joint.get_mut(joint).filter(|s| **s == 0) else {
-                    return Err(RobotError::Joints { body: index });
-                };
-                *slot = index;
-                paths[index] = paths[parent] | (1 << index);
-                if (dot(body.axis, body.axis) - 1.0).abs() > 1e-9 {
-                    return Err(RobotError::NotUnit {
-                        what: "axis of body",
-                        index,
-                    });
-                }
-            }
-        }
-    }
-    Ok((body_of_joint, paths))
-}
-
-fn check_shapes(raw: &RawRobot) -> Result<(), RobotError> {
-    for (index, half) in raw.halves.iter().enumerate() {
-        if half.body >= raw.bodies.len() {
-            return Err(RobotError::Reference {
-                what: "half-sphere",
-                index,
-                to: half.body,
-            });
-        }
-        for i in 0..3 {
-            for j in 0..3 {
-                let expected = if i == j { 1.0 } else { 0.0 };
-                if (dot(half.faces[i], half.faces[j]) - expected).abs() > 1e-9 {
-                    return Err(RobotError::NotUnit {
-                        what: "face of half-sphere",
-                        index,
-                    });
-                }
-            }
-        }
-    }
-    for (index, cube) in raw.cubes.iter().enumerate() {
-        for to in *cube {
-            if to >= raw.halves.len() {
-                return Err(RobotError::Reference {
-                    what: "cube",
-                    index,
-                    to,
-                });
-            }
-        }
-        let [a, b] = cube.map(|h| &raw.halves[h]);
-        let sum = |f: &[[f64; 3]; 3]| -> [f64; 3] {
-            std::array::from_fn(|i| (f[0][i] + f[1][i] + f[2][i]) / 3.0f64.sqrt())
-        };
-        if (dot(sum(&a.faces), sum(&b.faces)) + 1.0).abs() > 1e-9 {
-            return Err(RobotError::Cube { cube: index });
-        }
-    }
-    for (index, pair) in raw.pairs.iter().enumerate() {
-        for to in *pair {
-            if to >= raw.cubes.len() {
-                return Err(RobotError::Reference {
-                    what: "pair",
-                    index,
-                    to,
-                });
-            }
-        }
-    }
-    Ok(())
 }
 
 /// The meta-module of design section 2.1. With `connector`, body 3 is split at the connection: module B then hangs on three hinges
@@ -448,6 +392,7 @@ fn meta_module(cube_m: f64, ball_radius_m: f64, twist_rad: f64, connector: bool)
         body,
         centre_m: [cx, 0.0, 0.0],
         faces: axes.map(|a| [sign * a[0], sign * a[1], sign * a[2]]),
+        mass_kg: None,
     };
     RawRobot {
         bodies,
@@ -512,6 +457,25 @@ mod tests {
             Robot::try_from(raw),
             Err(RobotError::NotUnit { .. })
         ));
+        let mut raw = good.clone();
+        raw.halves[1].centre_m = [0.0, 0.001, 0.0];
+        assert_eq!(Robot::try_from(raw), Err(RobotError::Cube { cube: 0 }));
+        let mut raw = good.clone();
+        raw.cubes.pop();
+        raw.pairs.clear();
+        assert!(matches!(
+            Robot::try_from(raw),
+            Err(RobotError::Cubeless { found: 0, .. })
+        ));
+        let mut raw = good.clone();
+        raw.bodies[1].class = JointClass::Connector;
+        assert!(matches!(
+            Robot::try_from(raw),
+            Err(RobotError::ConnectorFirst { .. })
+        ));
+        let mut raw = good.clone();
+        raw.halves[0].body = 2;
+        assert!(Robot::try_from(raw).is_err());
         let mut raw = good;
         raw.ball_radius_m = 0.050;
         assert!(matches!(Robot::try_from(raw), Err(RobotError::Ball { .. })));
