@@ -20,6 +20,14 @@ pub struct Candidate {
     pub starts: Vec<Vec<f64>>,
 }
 
+impl Candidate {
+    /// Parameters that a fit moves.
+    #[must_use]
+    pub fn moving(&self) -> usize {
+        self.free.iter().filter(|f| !f.fixed()).count()
+    }
+}
+
 /// Typical sizes in a data set; starting grids are multiples of them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Scales {
@@ -140,9 +148,24 @@ pub fn nominal(problem: &Problem) -> Vec<Free> {
         }
         if n.kd > 0.0 {
             out.push(log(P::Damping, k.kd.map(exact)));
+            if n.period_s > 0.0 {
+                out.push(speed_delay());
+            }
         }
     }
     out
+}
+
+/// A sampled loop that differentiates its encoder sees the speed between half a period (one difference) and two periods
+/// (a filtered one) late; that is how such loops are built, no gap.
+fn speed_delay() -> Free {
+    Free {
+        p: P::SpeedDelay,
+        map: Map::Linear { scale: 1.0 },
+        low: 0.0,
+        high: 2.5,
+        tolerance: Some(0.5),
+    }
 }
 
 /// Controller gains are numbers in a register: where a file gives no tighter tolerance than a data sheet's, they hold to 1 %.
@@ -162,6 +185,37 @@ pub fn measured(problem: &Problem, channel: Channel) -> bool {
             .iter()
             .any(|s| s.measured[channel as usize].is_finite())
     })
+}
+
+/// Whether set-points arrive irregularly, by the driver's echo.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Irregular {
+    jitter: bool,
+    loss: bool,
+}
+
+/// Looks at the echoes of all runs.
+#[must_use]
+pub fn irregular(problem: &Problem) -> Irregular {
+    let found = crate::joint::arrival::regularity(&problem.runs);
+    // Delays seen through rows of one period spread by up to half of it; lost ones in a hundred are no accident.
+    let jitter = found.is_some_and(|r| r.spread_s > 0.55 * r.doubt_s);
+    Irregular {
+        jitter,
+        loss: !jitter && found.is_some_and(|r| r.lost > 0.01),
+    }
+}
+
+impl Irregular {
+    /// Whether an effect may be tried.
+    #[must_use]
+    pub fn admits(self, e: Effect) -> bool {
+        match e {
+            Effect::Jitter => self.jitter,
+            Effect::PacketLoss => self.loss,
+            _ => true,
+        }
+    }
 }
 
 struct List(Vec<Candidate>);
@@ -211,7 +265,7 @@ pub fn library(problem: &Problem, s: &Scales) -> Vec<Candidate> {
         conventions(&mut list, problem, s);
         controller(&mut list, s, &n);
     }
-    transport(&mut list, s);
+    transport(&mut list, problem, s);
     electrical(&mut list, problem, s, &n);
     if n.output != Output::Velocity || n.effort_limit.is_finite() {
         friction(&mut list, s);
@@ -228,7 +282,7 @@ fn conventions(list: &mut List, problem: &Problem, s: &Scales) {
     list.one(
         Effect::JointSign,
         "",
-        linear(P::Scale, 0.1, -1.000_001, -0.999_999),
+        linear(P::Scale, 0.1, -1.0, -1.0),
         &[-1.0],
         1.0,
     );
@@ -252,7 +306,7 @@ fn conventions(list: &mut List, problem: &Problem, s: &Scales) {
     }
 }
 
-fn transport(list: &mut List, s: &Scales) {
+fn transport(list: &mut List, problem: &Problem, s: &Scales) {
     let delays = [0.003, 0.008, 0.02, 0.045, 0.1, 0.2];
     list.one(
         Effect::Latency,
@@ -261,6 +315,10 @@ fn transport(list: &mut List, s: &Scales) {
         &delays,
         1.0,
     );
+    // The echo of the applied set-point tells when each one arrived; what was lost never did.
+    let echoed = || vec![linear(P::Echo, 1.0, 1.0, 1.0)];
+    list.add(Effect::Jitter, "", echoed(), vec![vec![1.0]]);
+    list.add(Effect::PacketLoss, "", echoed(), vec![vec![1.0]]);
     let skew = linear(P::Skew, 1e-3, -0.2, 0.2);
     list.one(
         Effect::ClockSkew,
@@ -269,7 +327,12 @@ fn transport(list: &mut List, s: &Scales) {
         &[-0.03, -0.003, -3e-4, 3e-4, 0.003, 0.03],
         1.0,
     );
-    let steps = [0.01, 0.02, 0.04, 0.07, 0.12, 0.2];
+    let echoed = crate::joint::arrival::lattice(&problem.runs);
+    // Rounding is no smooth function of its step: a fine grid where the echo does not show the step itself.
+    let steps: Vec<f64> = match echoed {
+        Some(step) => vec![step / s.range],
+        None => (0..120).map(|k| 0.005 * libm::exp(0.035 * f64::from(k))).collect(),
+    };
     list.one(
         Effect::Quantisation,
         "",

@@ -10,8 +10,8 @@ use files::dataset::{Manifest, Recording, Role};
 use crate::candidates::{self, Scales};
 use crate::fit::{Model, Objective};
 use crate::floor::{self, Floor};
-use crate::joint::{P, Params, Problem};
-use crate::select::{Options, Rival, Search, Selection};
+use crate::joint::{Params, Problem};
+use crate::select::{Options, Search, Selection, Watch};
 use crate::verdict::Verdict;
 use crate::vocabulary::Effect;
 
@@ -82,8 +82,8 @@ pub struct Diagnosis {
     pub calibrated: Model,
     /// Search.
     pub selection: Selection,
-    /// Rivals per effect found.
-    pub rivals: Vec<Vec<Rival>>,
+    /// Cost of a perfect model.
+    pub floor_cost: f64,
     /// Models with one effect alone, and with all but one.
     pub alone_removed: Vec<(Model, Model)>,
     /// Typical sizes.
@@ -185,6 +185,21 @@ pub fn diagnose(
     joint: usize,
     settings: &Settings,
 ) -> Result<Diagnosis, DiagnoseError> {
+    diagnose_watched(manifest, recordings, joint, settings, &|_| true)
+}
+
+/// [`diagnose`], telling `watch` what comes next; when it answers `false` the verdict is made from what is there and
+/// marked as partial.
+///
+/// # Errors
+/// When no run measured the joint's position.
+pub fn diagnose_watched(
+    manifest: &Manifest,
+    recordings: &[Recording],
+    joint: usize,
+    settings: &Settings,
+    watch: Watch<'_>,
+) -> Result<Diagnosis, DiagnoseError> {
     let problem =
         Problem::new(manifest, recordings, joint).ok_or(DiagnoseError::NoPosition { joint })?;
     let (fit_runs, score_runs, split) = split(&problem);
@@ -202,9 +217,10 @@ pub fn diagnose(
     let unknown = free.iter().any(|f| f.tolerance.is_none());
     let k = problem.known;
     let ideal = k.kp.is_none() && !k.effort_unit && settings.baseline.is_none();
+    let merged = problem.merged(&fit_runs);
     let objective = Objective {
-        problem: &problem,
-        runs: fit_runs.clone(),
+        problem: &merged,
+        runs: (0..merged.runs.len()).collect(),
         weight: floor.weights(),
         prior_weight: 0.0,
         robust: floor.repeat.is_some(),
@@ -228,16 +244,16 @@ pub fn diagnose(
     };
     let search = Search {
         objective: objective.clone(),
-        folds: folds(&problem, &fit_runs),
+        folds: folds(&merged, &objective.runs),
         library,
-        floor_cost: floor.cost(),
+        floor_cost: floor.cost(mean_count(&merged)),
         independent,
+        nominal: calibrated.free.iter().map(|f| f.p).collect(),
         options,
     };
-    let known: Vec<P> = calibrated.free.iter().map(|f| f.p).collect();
-    let selection = search.run(calibrated.clone());
-    let rivals = search.rivals(&selection, &known, 4);
-    let alone_removed = search.alone_and_removed(&selection, &calibrated, &known);
+    let selection = search.run(calibrated.clone(), watch);
+    let alone_removed = search.alone_and_removed(&selection.found, &selection.model, &calibrated);
+    let floor_cost = search.floor_cost;
     let library = search.library;
     let mut out = Diagnosis {
         floor,
@@ -248,7 +264,7 @@ pub fn diagnose(
         nominal,
         calibrated,
         selection,
-        rivals,
+        floor_cost,
         alone_removed,
         scales,
         independent,
@@ -257,6 +273,11 @@ pub fn diagnose(
     };
     out.verdict = answer::verdict(&out, &library, settings);
     Ok(out)
+}
+
+/// Recordings behind one averaged run.
+fn mean_count(problem: &Problem) -> f64 {
+    problem.runs.iter().map(|r| r.count).sum::<f64>() / problem.runs.len().max(1) as f64
 }
 
 /// Metrics of a model on the score runs.

@@ -4,9 +4,10 @@
 //! priors. All sums run in a fixed order, so the result does not depend on the number of threads.
 
 use rayon::prelude::*;
+use wide::f64x8;
 
 use crate::joint::data::CHANNELS;
-use crate::joint::{P, Params, Problem, Trace, simulate};
+use crate::joint::{LANES, P, Params, Problem, simulate_lanes};
 
 /// How a parameter is mapped to the fit's own variable.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,6 +37,12 @@ pub struct Free {
 }
 
 impl Free {
+    /// Whether it has one value only.
+    #[must_use]
+    pub fn fixed(&self) -> bool {
+        self.low >= self.high
+    }
+
     /// Value to fit variable.
     #[must_use]
     pub fn to_x(&self, value: f64) -> f64 {
@@ -95,31 +102,82 @@ const DIFFERENCE: f64 = 2e-3;
 const HUBER: f64 = 4.0;
 
 /// Square root of the Huber loss, with the sign of `r`; plain squares where the tolerance is only a guess.
-fn huber(r: f64, robust: bool) -> f64 {
+fn huber(r: f64x8) -> f64x8 {
+    let limit = f64x8::splat(HUBER);
     let a = r.abs();
-    if a <= HUBER || !robust {
-        r
-    } else {
-        (HUBER * (2.0 * a - HUBER)).sqrt().copysign(r)
+    let beyond = a.simd_gt(limit);
+    if !beyond.any() {
+        return r;
     }
+    let long = (limit * (a + a - limit)).fast_max(f64x8::splat(0.0)).sqrt();
+    let signed = r.simd_lt(f64x8::splat(0.0)).select(-long, long);
+    beyond.select(signed, r)
+}
+
+/// Sum of products, in eight columns that are added at the end: a fixed order, and fast.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut sum = [0.0; 8];
+    let (x, y) = (a.chunks_exact(8), b.chunks_exact(8));
+    let rest: f64 = x
+        .remainder()
+        .iter()
+        .zip(y.remainder())
+        .map(|(a, b)| a * b)
+        .sum();
+    for (x, y) in x.zip(y) {
+        for ((s, x), y) in sum.iter_mut().zip(x).zip(y) {
+            *s += x * y;
+        }
+    }
+    sum.iter().sum::<f64>() + rest
 }
 
 /// Normal equations of one linearisation.
+#[derive(Debug, Clone, PartialEq)]
 struct Normal {
     cost: f64,
     gradient: Vec<f64>,
     hessian: Vec<f64>,
 }
 
+impl Normal {
+    fn zero(n: usize) -> Self {
+        Self {
+            cost: 0.0,
+            gradient: vec![0.0; n],
+            hessian: vec![0.0; n * n],
+        }
+    }
+
+    /// Adds `sign` times another.
+    fn add(&mut self, o: &Self, sign: f64) {
+        self.cost += sign * o.cost;
+        let add = |a: &mut [f64], b: &[f64]| a.iter_mut().zip(b).for_each(|(a, b)| *a += sign * b);
+        add(&mut self.gradient, &o.gradient);
+        add(&mut self.hessian, &o.hessian);
+    }
+}
+
 /// Residuals and their slopes, for the screen.
 pub struct Linear {
     /// Cost at the point of linearisation, without priors.
     pub cost: f64,
+    /// Parameters of the columns.
+    free: Vec<P>,
+    /// Slopes by run and parameter.
     columns: Vec<Vec<Vec<f64>>>,
+    /// Their products by run, square.
+    products: Vec<Vec<f64>>,
     factor: Option<Vec<f64>>,
     prior: Vec<f64>,
     offset: Vec<f64>,
 }
+
+/// Dampings tried at once after each linearisation, relative to the present one.
+const DAMPINGS: [f64; 3] = [1.0, 12.0, 500.0];
+
+/// The same where only a ranking is wanted.
+const SHARED_DAMPINGS: [f64; 2] = [1.0, 100.0];
 
 impl Objective<'_> {
     /// Same cost on other runs.
@@ -131,39 +189,79 @@ impl Objective<'_> {
         }
     }
 
-    /// Weighted residuals of one run.
-    fn residuals(&self, run: usize, params: &Params, trace: &mut Trace) -> Vec<f64> {
+    /// Recordings behind all runs in use.
+    fn recordings(&self) -> f64 {
+        self.runs.iter().map(|r| self.problem.runs[*r].count).sum()
+    }
+
+    /// Weighted residuals of one run, one list per parameter set.
+    fn residuals(&self, run: usize, sets: &[Params]) -> Vec<Vec<f64>> {
         let data = &self.problem.runs[run];
-        simulate(data, params, self.problem.dt_s, trace);
-        let mut out = Vec::with_capacity(data.samples.len());
-        for (c, weight) in self.weight.iter().enumerate().filter(|(_, w)| **w > 0.0) {
-            let start = out.len();
-            for (s, y) in data.samples.iter().zip(trace.iter()) {
-                let m = s.measured[c];
-                if s.enabled && m.is_finite() {
-                    out.push(huber((y[c] - m) * weight, self.robust));
+        let share = data.count / self.recordings();
+        let mut out: Vec<Vec<f64>> = Vec::with_capacity(sets.len());
+        let mut trace = Vec::new();
+        for chunk in sets.chunks(LANES) {
+            simulate_lanes(data, chunk, self.problem.dt_s, &mut trace);
+            let first = out.len();
+            out.extend(chunk.iter().map(|_| Vec::with_capacity(data.samples.len() * 4)));
+            for (c, weight) in self.weight.iter().enumerate().filter(|(_, w)| **w > 0.0) {
+                let used = |m: f64, on: bool| on && m.is_finite();
+                let n = data
+                    .samples
+                    .iter()
+                    .filter(|s| used(s.measured[c], s.enabled))
+                    .count();
+                let scale = f64x8::splat((share / n.max(1) as f64).sqrt());
+                let weight = f64x8::splat(*weight);
+                for (s, y) in data.samples.iter().zip(&trace) {
+                    let m = s.measured[c];
+                    if !used(m, s.enabled) {
+                        continue;
+                    }
+                    let mut r = (y[c] - f64x8::splat(m)) * weight;
+                    if self.robust {
+                        r = huber(r);
+                    }
+                    r *= scale;
+                    for (list, r) in out[first..].iter_mut().zip(r.as_array()) {
+                        list.push(*r);
+                    }
                 }
             }
-            let n = (out.len() - start).max(1);
-            let scale = 1.0 / ((n * self.runs.len()) as f64).sqrt();
-            out[start..].iter_mut().for_each(|r| *r *= scale);
         }
         out
     }
 
-    fn prior_cost(&self, model: &Model) -> f64 {
+    /// What the priors add to the cost.
+    #[must_use]
+    pub fn prior_cost(&self, model: &Model) -> f64 {
         let pull = |f: &Free| f.pull(model.params.get(f.p));
         self.prior_weight * model.free.iter().map(|f| pull(f) * pull(f)).sum::<f64>()
+    }
+
+    /// Cost of each run in use, without priors (already weighted), for every parameter set.
+    #[must_use]
+    pub fn run_costs_of(&self, sets: &[Params]) -> Vec<Vec<f64>> {
+        let one = |run: &usize| -> Vec<f64> {
+            self.residuals(*run, sets).iter().map(|r| dot(r, r)).collect()
+        };
+        self.runs.par_iter().map(one).collect()
     }
 
     /// Cost of each run in use, without priors (already divided by their number).
     #[must_use]
     pub fn run_costs(&self, params: &Params) -> Vec<f64> {
-        let one = |run: &usize| {
-            let r = self.residuals(*run, params, &mut Trace::new());
-            r.iter().map(|x| x * x).sum::<f64>()
-        };
-        self.runs.par_iter().map(one).collect()
+        let all = self.run_costs_of(std::slice::from_ref(params));
+        all.into_iter().map(|c| c[0]).collect()
+    }
+
+    /// Cost without priors of every parameter set.
+    #[must_use]
+    pub fn data_costs(&self, sets: &[Params]) -> Vec<f64> {
+        let runs = self.run_costs_of(sets);
+        (0..sets.len())
+            .map(|k| runs.iter().map(|r| r[k]).sum())
+            .collect()
     }
 
     /// Cost without priors.
@@ -176,6 +274,15 @@ impl Objective<'_> {
     #[must_use]
     pub fn cost(&self, model: &Model) -> f64 {
         self.data_cost(&model.params) + self.prior_cost(model)
+    }
+
+    /// Costs with priors.
+    #[must_use]
+    pub fn costs(&self, models: &[Model]) -> Vec<f64> {
+        let sets: Vec<Params> = models.iter().map(|m| m.params).collect();
+        let data = self.data_costs(&sets);
+        let with = |(c, m): (f64, &Model)| c + self.prior_cost(m);
+        data.into_iter().zip(models).map(with).collect()
     }
 
     fn shifted(f: &Free, params: &Params) -> (Params, f64) {
@@ -194,108 +301,299 @@ impl Objective<'_> {
         (params.with(f.p, value), step)
     }
 
-    fn run_columns(&self, run: usize, model: &Model) -> (Vec<f64>, Vec<Vec<f64>>) {
-        let mut trace = Trace::new();
-        let r = self.residuals(run, &model.params, &mut trace);
-        let column = |f: &Free| {
-            let (p, step) = Self::shifted(f, &model.params);
-            let mut c = self.residuals(run, &p, &mut Trace::new());
-            c.iter_mut().zip(&r).for_each(|(c, r)| *c = (*c - r) / step);
-            c
-        };
-        let columns = model.free.iter().map(column).collect();
-        (r, columns)
+    /// Residuals of one run at every model, and their slopes along its free parameters.
+    fn run_columns(&self, run: usize, models: &[Model]) -> Vec<(Vec<f64>, Vec<Vec<f64>>)> {
+        let mut sets = Vec::new();
+        let mut steps = Vec::new();
+        for m in models {
+            sets.push(m.params);
+            steps.push(0.0);
+            for f in &m.free {
+                let (p, step) = Self::shifted(f, &m.params);
+                sets.push(p);
+                steps.push(step);
+            }
+        }
+        let mut all = self.residuals(run, &sets).into_iter().zip(steps);
+        models
+            .iter()
+            .map(|m| {
+                let (r, _) = all.next().unwrap_or_default();
+                let column = |(mut c, step): (Vec<f64>, f64)| {
+                    c.iter_mut().zip(&r).for_each(|(c, r)| *c = (*c - r) / step);
+                    c
+                };
+                let columns = all.by_ref().take(m.free.len()).map(column).collect();
+                (r, columns)
+            })
+            .collect()
     }
 
-    fn normal(&self, model: &Model) -> Normal {
-        let n = model.free.len();
-        let part = |run: &usize| {
-            let (r, c) = self.run_columns(*run, model);
-            let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-            let mut hessian = vec![0.0; n * n];
-            for i in 0..n {
-                for j in 0..=i {
-                    hessian[i * n + j] = dot(&c[i], &c[j]);
+    /// Normal equations of every model, run by run, without priors.
+    fn run_normals(&self, models: &[Model]) -> Vec<Vec<Normal>> {
+        let part = |run: &usize| -> Vec<Normal> {
+            let one = |(r, c): (Vec<f64>, Vec<Vec<f64>>)| {
+                let n = c.len();
+                let mut out = Normal::zero(n);
+                out.cost = dot(&r, &r);
+                for i in 0..n {
+                    out.gradient[i] = dot(&c[i], &r);
+                    for j in 0..=i {
+                        out.hessian[i * n + j] = dot(&c[i], &c[j]);
+                    }
                 }
-            }
-            let gradient: Vec<f64> = c.iter().map(|c| dot(c, &r)).collect();
-            (dot(&r, &r), gradient, hessian)
+                out
+            };
+            self.run_columns(*run, models).into_iter().map(one).collect()
         };
-        let parts: Vec<_> = self.runs.par_iter().map(part).collect();
-        let mut out = Normal {
-            cost: self.prior_cost(model),
-            gradient: vec![0.0; n],
-            hessian: vec![0.0; n * n],
-        };
-        for (cost, g, h) in parts {
-            out.cost += cost;
-            out.gradient.iter_mut().zip(g).for_each(|(a, b)| *a += b);
-            out.hessian.iter_mut().zip(h).for_each(|(a, b)| *a += b);
-        }
+        self.runs.par_iter().map(part).collect()
+    }
+
+    fn add_prior(&self, model: &Model, e: &mut Normal) {
+        let n = model.free.len();
+        e.cost += self.prior_cost(model);
         for (i, f) in model.free.iter().enumerate() {
             if let Some(t) = f.tolerance {
-                out.gradient[i] += self.prior_weight * f.pull(model.params.get(f.p)) / t;
-                out.hessian[i * n + i] += self.prior_weight / (t * t);
+                e.gradient[i] += self.prior_weight * f.pull(model.params.get(f.p)) / t;
+                e.hessian[i * n + i] += self.prior_weight / (t * t);
             }
         }
-        out
+    }
+
+    fn normals(&self, models: &[Model]) -> Vec<Normal> {
+        let runs = self.run_normals(models);
+        let one = |(k, m): (usize, &Model)| {
+            let mut out = Normal::zero(m.free.len());
+            runs.iter().for_each(|r| out.add(&r[k], 1.0));
+            self.add_prior(m, &mut out);
+            out
+        };
+        models.iter().enumerate().map(one).collect()
     }
 
     /// Improves `model` by at most `iterations` steps; returns the cost with priors.
     pub fn polish(&self, model: &mut Model, iterations: usize) -> f64 {
-        let n = model.free.len();
-        if n == 0 {
-            return self.cost(model);
-        }
-        let mut damping = 1e-2;
-        let mut best = f64::INFINITY;
+        self.polish_all(std::slice::from_mut(model), iterations)[0]
+    }
+
+    /// Improves every model by at most `iterations` steps (Levenberg-Marquardt); returns the costs with priors.
+    /// Models are simulated side by side but do not touch each other.
+    pub fn polish_all(&self, models: &mut [Model], iterations: usize) -> Vec<f64> {
+        let mut damping = vec![1e-2; models.len()];
+        let mut best = vec![f64::INFINITY; models.len()];
+        let mut active: Vec<usize> = (0..models.len()).collect();
         for _ in 0..iterations {
-            let e = self.normal(model);
-            best = e.cost;
-            let mut improved = false;
-            for _ in 0..5 {
-                let Some(next) = step(model, &e, damping) else {
-                    damping *= 10.0;
+            let now: Vec<Model> = active.iter().map(|i| models[*i].clone()).collect();
+            let normals = self.normals(&now);
+            let mut tries: Vec<Model> = Vec::new();
+            let mut owner: Vec<(usize, f64)> = Vec::new();
+            for ((i, m), e) in active.iter().zip(&now).zip(&normals) {
+                best[*i] = e.cost;
+                for d in DAMPINGS {
+                    if let Some(next) = step(m, e, damping[*i] * d) {
+                        tries.push(next);
+                        owner.push((*i, damping[*i] * d));
+                    }
+                }
+            }
+            let costs = self.costs(&tries);
+            let mut gain = vec![0.0; models.len()];
+            for ((m, (i, d)), cost) in tries.into_iter().zip(owner).zip(costs) {
+                if cost < best[i] {
+                    gain[i] += (best[i] - cost) / best[i].max(1e-300);
+                    models[i] = m;
+                    best[i] = cost;
+                    damping[i] = (d * 0.1).max(1e-7);
+                }
+            }
+            active.retain(|i| gain[*i] > 1e-4);
+            if active.is_empty() {
+                break;
+            }
+        }
+        if iterations == 0 {
+            return self.costs(models);
+        }
+        best
+    }
+
+    /// Held-out cost of each fold: from `model`, one step towards the optimum of the other folds' runs, at the fold.
+    /// The shares add up to a mean over all runs.
+    #[must_use]
+    pub fn fold_costs(&self, model: &Model, folds: &[Vec<usize>]) -> Vec<f64> {
+        let n = model.free.len();
+        let normals = self.run_normals(std::slice::from_ref(model));
+        let mut all = Normal::zero(n);
+        normals.iter().for_each(|r| all.add(&r[0], 1.0));
+        let one = |fold: &Vec<usize>| {
+            let mut rest = all.clone();
+            let mut mine = Vec::new();
+            for (run, e) in self.runs.iter().zip(&normals) {
+                if fold.contains(run) {
+                    rest.add(&e[0], -1.0);
+                    mine.push(*run);
+                }
+            }
+            self.add_prior(model, &mut rest);
+            let moved = step(model, &rest, 1e-3).unwrap_or_else(|| model.clone());
+            let share: f64 = mine.iter().map(|r| self.problem.runs[*r].count).sum();
+            let o = self.on(mine);
+            o.data_cost(&moved.params) * share / self.recordings()
+        };
+        folds.iter().map(one).collect()
+    }
+
+    /// Steps out of small valleys that rounding, play and dry friction make: tries each of `moving` alone at several
+    /// distances, as long as that helps, and polishes. Returns the cost with priors.
+    pub fn jiggle(&self, model: &mut Model, moving: &[P]) -> f64 {
+        // Relative steps, from a tenth of a percent to an eighth.
+        const STEPS: [f64; 8] = [-0.12, -0.03, -0.008, -0.002, 0.002, 0.008, 0.03, 0.12];
+        let mut best = self.cost(model);
+        for _ in 0..3 {
+            let before = best;
+            for p in moving {
+                let Some(f) = model.free.iter().find(|f| f.p == *p).copied() else {
                     continue;
                 };
-                let cost = self.cost(&next);
-                if cost < best {
-                    let gain = (best - cost) / best.max(1e-300);
-                    *model = next;
-                    best = cost;
-                    damping = (damping * 0.2).max(1e-7);
-                    improved = gain > 1e-4;
-                    break;
+                let x = f.to_x(model.params.get(*p));
+                let size = if f.map == Map::Log { 1.0 } else { x.abs() };
+                let shifted = |d: &f64| Model {
+                    params: model.params.with(*p, f.to_value(x + d * size)),
+                    ..model.clone()
+                };
+                let tries: Vec<Model> = STEPS.iter().map(shifted).collect();
+                for (m, c) in tries.iter().zip(self.costs(&tries)) {
+                    if c < best {
+                        best = c;
+                        *model = m.clone();
+                    }
                 }
-                damping *= 6.0;
             }
-            if !improved {
+            if best > 0.99 * before {
+                break;
+            }
+            best = self.polish(model, 2);
+        }
+        best
+    }
+
+    /// Like [`Self::polish_all`] for models that each add a few parameters (`own` of them, last in their list) to one
+    /// linearised model: only those are linearised afresh, the shared ones keep their slopes. Good enough to rank.
+    pub fn polish_shared(
+        &self,
+        linear: &Linear,
+        models: &mut [Model],
+        own: &[usize],
+        iterations: usize,
+    ) -> Vec<f64> {
+        let mut damping = vec![1e-2; models.len()];
+        let mut best = vec![f64::INFINITY; models.len()];
+        let mut active: Vec<usize> = (0..models.len()).collect();
+        for _ in 0..iterations {
+            let now: Vec<(&Model, usize)> = active.iter().map(|i| (&models[*i], own[*i])).collect();
+            let normals = self.shared_normals(linear, &now);
+            let mut tries: Vec<Model> = Vec::new();
+            let mut owner: Vec<(usize, f64)> = Vec::new();
+            for ((i, (m, _)), e) in active.iter().zip(&now).zip(&normals) {
+                best[*i] = e.cost;
+                for d in SHARED_DAMPINGS {
+                    if let Some(next) = step(m, e, damping[*i] * d) {
+                        tries.push(next);
+                        owner.push((*i, damping[*i] * d));
+                    }
+                }
+            }
+            let costs = self.costs(&tries);
+            let mut gain = vec![0.0; models.len()];
+            for ((m, (i, d)), cost) in tries.into_iter().zip(owner).zip(costs) {
+                if cost < best[i] {
+                    gain[i] += (best[i] - cost) / best[i].max(1e-300);
+                    models[i] = m;
+                    best[i] = cost;
+                    damping[i] = (d * 0.1).max(1e-7);
+                }
+            }
+            active.retain(|i| gain[*i] > 1e-3);
+            if active.is_empty() {
                 break;
             }
         }
         best
     }
 
+    fn shared_normals(&self, linear: &Linear, models: &[(&Model, usize)]) -> Vec<Normal> {
+        // Simulated: every model as it is, with no free parameters but its own.
+        let thin: Vec<Model> = models
+            .iter()
+            .map(|(m, own)| Model {
+                params: m.params,
+                free: m.free[m.free.len() - own..].to_vec(),
+            })
+            .collect();
+        let part = |(k, run): (usize, &usize)| -> Vec<Normal> {
+            let shared = &linear.columns[k];
+            let one = |((r, c), (m, own)): ((Vec<f64>, Vec<Vec<f64>>), &(&Model, usize))| {
+                let n = m.free.len();
+                let at = |f: &Free| linear.free.iter().position(|p| *p == f.p);
+                let mut columns: Vec<&[f64]> = Vec::with_capacity(n);
+                let mut index: Vec<Option<usize>> = Vec::with_capacity(n);
+                for f in &m.free[..n - own] {
+                    index.push(at(f));
+                    columns.push(at(f).map_or(&[], |i| &shared[i]));
+                }
+                index.resize(n, None);
+                columns.extend(c.iter().map(Vec::as_slice));
+                let mut out = Normal::zero(n);
+                out.cost = dot(&r, &r);
+                for i in 0..n {
+                    out.gradient[i] = dot(columns[i], &r);
+                    for j in 0..=i {
+                        out.hessian[i * n + j] = match (index[i], index[j]) {
+                            (Some(a), Some(b)) => linear.products[k][a * linear.free.len() + b],
+                            _ => dot(columns[i], columns[j]),
+                        };
+                    }
+                }
+                out
+            };
+            let parts = self.run_columns(*run, &thin);
+            parts.into_iter().zip(models).map(one).collect()
+        };
+        let runs: Vec<Vec<Normal>> = self.runs.par_iter().enumerate().map(part).collect();
+        let one = |(k, (m, _)): (usize, &(&Model, usize))| {
+            let mut out = Normal::zero(m.free.len());
+            runs.iter().for_each(|r| out.add(&r[k], 1.0));
+            self.add_prior(m, &mut out);
+            out
+        };
+        models.iter().enumerate().map(one).collect()
+    }
+
     /// Linearises around `model`, for [`Self::screen`].
     #[must_use]
     pub fn linearise(&self, model: &Model) -> Linear {
-        let parts: Vec<_> = self
+        let models = std::slice::from_ref(model);
+        let parts: Vec<(Vec<f64>, Vec<Vec<f64>>)> = self
             .runs
             .par_iter()
-            .map(|r| self.run_columns(*r, model))
+            .map(|r| self.run_columns(*r, models).remove(0))
             .collect();
-        let cost = parts
-            .iter()
-            .map(|(r, _)| r.iter().map(|x| x * x).sum::<f64>())
-            .sum();
+        let cost = parts.iter().map(|(r, _)| dot(r, r)).sum();
         let n = model.free.len();
-        let mut h = vec![0.0; n * n];
-        for (_, c) in &parts {
+        let product = |(_, c): &(Vec<f64>, Vec<Vec<f64>>)| {
+            let mut out = vec![0.0; n * n];
             for i in 0..n {
                 for j in 0..=i {
-                    h[i * n + j] += c[i].iter().zip(&c[j]).map(|(a, b)| a * b).sum::<f64>();
+                    out[i * n + j] = dot(&c[i], &c[j]);
+                    out[j * n + i] = out[i * n + j];
                 }
             }
+            out
+        };
+        let products: Vec<Vec<f64>> = parts.iter().map(product).collect();
+        let mut h = vec![0.0; n * n];
+        for p in &products {
+            h.iter_mut().zip(p).for_each(|(h, p)| *h += p);
         }
         let mut prior = vec![0.0; n];
         let mut offset = vec![0.0; n];
@@ -309,6 +607,8 @@ impl Objective<'_> {
         }
         Linear {
             cost,
+            free: model.free.iter().map(|f| f.p).collect(),
+            products,
             columns: parts.into_iter().map(|p| p.1).collect(),
             factor: cholesky(&h, n),
             prior,
@@ -316,33 +616,32 @@ impl Objective<'_> {
         }
     }
 
-    /// Cost at `params` once the free parameters of the linearisation have adapted to it, to first order.
+    /// Cost at every parameter set once the free parameters of the linearisation have adapted to it, to first order.
     #[must_use]
-    pub fn screen(&self, linear: &Linear, params: &Params) -> f64 {
-        let part = |(k, run): (usize, &usize)| {
-            let r = self.residuals(*run, params, &mut Trace::new());
-            let g: Vec<f64> = linear.columns[k]
-                .iter()
-                .map(|c| c.iter().zip(&r).map(|(a, b)| a * b).sum::<f64>())
-                .collect();
-            (r.iter().map(|x| x * x).sum::<f64>(), g)
+    pub fn screen(&self, linear: &Linear, sets: &[Params]) -> Vec<f64> {
+        let part = |(k, run): (usize, &usize)| -> Vec<(f64, Vec<f64>)> {
+            let one = |r: &Vec<f64>| {
+                let g = linear.columns[k].iter().map(|c| dot(c, r)).collect();
+                (dot(r, r), g)
+            };
+            self.residuals(*run, sets).iter().map(one).collect()
         };
-        let parts: Vec<(f64, Vec<f64>)> = self.runs.par_iter().enumerate().map(part).collect();
-        let mut cost = 0.0;
-        let mut g = vec![0.0; linear.prior.len()];
-        for (c, part) in parts {
-            cost += c;
-            g.iter_mut().zip(part).for_each(|(a, b)| *a += b);
-        }
-        for (i, gi) in g.iter_mut().enumerate() {
-            cost += linear.prior[i] * linear.offset[i] * linear.offset[i];
-            *gi += linear.prior[i] * linear.offset[i];
-        }
-        let gain = linear.factor.as_ref().map_or(0.0, |l| {
-            let x = solve(l, &g);
-            x.iter().zip(&g).map(|(x, g)| x * g).sum::<f64>()
-        });
-        (cost - gain).max(0.0)
+        let parts: Vec<Vec<(f64, Vec<f64>)>> = self.runs.par_iter().enumerate().map(part).collect();
+        let one = |i: usize| {
+            let mut cost = 0.0;
+            let mut g = vec![0.0; linear.prior.len()];
+            for part in &parts {
+                cost += part[i].0;
+                g.iter_mut().zip(&part[i].1).for_each(|(a, b)| *a += b);
+            }
+            for (i, gi) in g.iter_mut().enumerate() {
+                cost += linear.prior[i] * linear.offset[i] * linear.offset[i];
+                *gi += linear.prior[i] * linear.offset[i];
+            }
+            let gain = linear.factor.as_ref().map_or(0.0, |l| dot(&solve(l, &g), &g));
+            (cost - gain).max(0.0)
+        };
+        (0..sets.len()).map(one).collect()
     }
 }
 
@@ -404,7 +703,7 @@ fn solve(l: &[f64], b: &[f64]) -> Vec<f64> {
 #[must_use]
 pub fn standard_errors(o: &Objective<'_>, model: &Model) -> Vec<f64> {
     let n = model.free.len();
-    let e = o.normal(model);
+    let e = o.normals(std::slice::from_ref(model)).remove(0);
     let mut h = e.hessian;
     for i in 0..n {
         h[i * n + i] += 1e-12;

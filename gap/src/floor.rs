@@ -17,11 +17,11 @@ pub struct Floor {
 
 /// Error that two honest simulators of one law may have between them, as a share of a signal's spread: steps, hold
 /// instants, contact of dry friction. Measured between this simulator at 0.5 and 2 ms steps.
-const MODEL_ERROR: f64 = 0.002;
+const MODEL_ERROR: f64 = 0.0005;
 /// The same for duty and the like, which jump at every set-point edge.
-const MODEL_ERROR_DUTY: f64 = 0.02;
+const MODEL_ERROR_DUTY: f64 = 0.005;
 /// The same for current and effort, which hang on the acceleration. Measured against an emulated motor with a 1 kHz loop.
-const MODEL_ERROR_CURRENT: f64 = 0.1;
+const MODEL_ERROR_CURRENT: f64 = 0.05;
 
 fn values(run: &RunData, channel: usize) -> Vec<f64> {
     run.samples
@@ -146,12 +146,13 @@ impl Floor {
         })
     }
 
-    /// Cost of a perfect model.
+    /// Cost of a perfect model against averages of `count` recordings.
     #[must_use]
-    pub fn cost(&self) -> f64 {
+    pub fn cost(&self, count: f64) -> f64 {
+        let one = |c: usize| self.of(c).max(self.noise[c]) / self.tolerance(c);
         (0..CHANNELS)
             .filter(|c| self.spread[*c] > 0.0)
-            .map(|c| (self.of(c).max(self.noise[c]) / self.tolerance(c)).powi(2))
+            .map(|c| one(c) * one(c) / count)
             .sum()
     }
 }

@@ -4,10 +4,15 @@
 //! and every effect of the stages conventions .. transmission as a parameter that is neutral by default. Units are those of
 //! the bench: rad and N m, or m and N.
 
+pub mod arrival;
+mod command;
 pub mod data;
+pub mod lanes;
+mod merge;
 pub mod param;
 pub mod sim;
 
 pub use data::{Nominal, Problem, RunData, Sample};
 pub use param::{P, Params};
+pub use lanes::{LANES, simulate_lanes};
 pub use sim::{Channel, Trace, simulate};

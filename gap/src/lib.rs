@@ -15,4 +15,4 @@ pub mod select;
 pub mod verdict;
 pub mod vocabulary;
 
-pub use diagnose::{Diagnosis, Settings, diagnose};
+pub use diagnose::{Diagnosis, Settings, diagnose, diagnose_watched};

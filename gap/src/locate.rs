@@ -21,8 +21,8 @@ pub fn stage_of(p: P) -> Stage {
     use P::*;
     match p {
         Scale | Offset | MechOffset | RecordScale => Stage::Conventions,
-        Delay | Skew | Quantum => Stage::Transport,
-        LoopGain | Damping | Deadband | SlewLimit | FeedbackDelay | Lag => Stage::Driver,
+        Delay | Skew | Quantum | Echo => Stage::Transport,
+        LoopGain | Damping | SpeedDelay | Deadband | SlewLimit | FeedbackDelay | Lag => Stage::Driver,
         Motor | Resistance | CurrentLimit | TorqueLimit | DerateTime | DerateShare => {
             Stage::Electrical
         }

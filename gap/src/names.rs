@@ -12,6 +12,15 @@ pub fn parameters(problem: &Problem, c: &Candidate, params: &Params) -> Vec<(&'s
     let supply = problem.runs.first().map_or(1.0, |r| r.nominal.supply_v);
     match c.effect {
         Effect::JointSign => Vec::new(),
+        Effect::Jitter | Effect::PacketLoss => {
+            let r = crate::joint::arrival::regularity(&problem.runs);
+            let value = r.map_or(0.0, |r| match c.effect {
+                Effect::PacketLoss => r.lost,
+                // The halfway instants of rows add a spread of their own.
+                _ => (r.spread_s * r.spread_s - r.doubt_s * r.doubt_s / 12.0).max(0.0).sqrt(),
+            });
+            c.effect.parameters().iter().take(1).map(|k| (*k, value)).collect()
+        }
         Effect::SupplyVoltage => vec![("value_v", supply * g(P::Supply))],
         Effect::ClockSkew => vec![("ratio", 1.0 + g(P::Skew))],
         Effect::Compliance => vec![("stiffness_nm_rad", 1.0 / g(P::Flexibility).max(1e-12))],

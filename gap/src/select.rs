@@ -1,40 +1,45 @@
-//! Which effects: forward selection on held-out gaits, backward pruning, rivals.
+//! Which effects: forward selection on held-out gaits, backward pruning, exchange against rivals.
 
-use crate::candidates::Candidate;
-use crate::fit::{Model, Objective};
+mod exchange;
+
+use crate::candidates::{self, Candidate};
+use crate::fit::{Linear, Model, Objective};
 use crate::joint::{P, Params};
 use crate::vocabulary::Effect;
+
+pub use exchange::Rival;
 
 /// Settings of the search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
-    /// Least gain of the held-out cost, as a share of what is left above the floor, for an effect to be believed.
-    /// Calibrated on data without an effect.
+    /// Least gain of the held-out cost for an effect to be believed, as a share of what is left after it plus the model
+    /// error that is allowed for. Calibrated on emulated joints without an effect.
     pub least_gain: f64,
-    /// Least gain in absolute cost (squared tolerances).
-    pub least_cost: f64,
-    /// Least gain as a share of the cost before any effect: the errors between two simulators of one law grow with the law.
-    pub least_share: f64,
+    /// Model error that is allowed for, as a share of the cost before any effect: what two simulators of one law differ
+    /// by grows with the law.
+    pub model_error: f64,
     /// Most effects.
     pub most: usize,
     /// Candidates refined per step.
     pub refined: usize,
-    /// Try every start with a fit of its own instead of the linear screen (needed when nominal values are unknown).
+    /// Two starts of every candidate are refitted (needed when nominal values are unknown).
     pub thorough: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
         Self {
-            least_gain: 0.12,
-            least_cost: 0.5,
-            least_share: 0.005,
+            least_gain: 0.4,
+            model_error: 0.001,
             most: 5,
-            refined: 5,
+            refined: 6,
             thorough: false,
         }
     }
 }
+
+/// Other branches that are looked at when a second effect comes in: the greedy first one may be half of two.
+const BRANCHES: usize = 2;
 
 /// An effect in the model.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,13 +50,25 @@ pub struct Found {
     pub gain: f64,
 }
 
-/// A rival that was tried in an effect's place.
+/// A candidate that was put to the test of held-out gaits.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Rival {
+pub struct Considered {
     /// Which.
     pub effect: Effect,
-    /// Cost with the rival over cost with the effect.
-    pub cost_ratio: f64,
+    /// Effects already in the model.
+    pub step: usize,
+    /// Held-out cost before.
+    pub before: f64,
+    /// Held-out cost after.
+    pub after: f64,
+    /// Gain as the threshold sees it.
+    pub gain: f64,
+    /// Folds that it improves.
+    pub wins: usize,
+    /// Distance of its base parameters from nominal, in tolerances; infinite for structural effects.
+    pub pull: f64,
+    /// Whether it was believed.
+    pub believed: bool,
 }
 
 /// A stage of the search: the model and its held-out cost.
@@ -74,11 +91,18 @@ pub struct Selection {
     pub found: Vec<Found>,
     /// The way there.
     pub steps: Vec<Step>,
-    /// Best candidates that were not believed, with their relative gain.
-    pub refused: Vec<(Effect, f64)>,
+    /// Candidates that were put to the test, in order.
+    pub considered: Vec<Considered>,
     /// Held-out cost at the end.
     pub held_out: f64,
+    /// Best rivals per effect found.
+    pub rivals: Vec<Vec<Rival>>,
+    /// Whether someone stopped the search before its end.
+    pub partial: bool,
 }
+
+/// Asked between steps with a few words about what comes next; `false` stops the search.
+pub type Watch<'a> = &'a (dyn Fn(&str) -> bool + Sync);
 
 /// The search.
 pub struct Search<'a> {
@@ -92,15 +116,40 @@ pub struct Search<'a> {
     pub floor_cost: f64,
     /// Independent samples, for the weight of priors.
     pub independent: f64,
+    /// Nominal parameters that may move.
+    pub nominal: Vec<P>,
     /// Settings.
     pub options: Options,
+}
+
+/// A model with its effects.
+#[derive(Clone)]
+struct Node {
+    model: Model,
+    found: Vec<Found>,
+    /// Held-out cost per fold.
+    held: Vec<f64>,
+}
+
+impl Node {
+    fn held_out(&self) -> f64 {
+        self.held.iter().sum()
+    }
+}
+
+/// A refitted candidate.
+struct Try {
+    /// Cost with priors, and a price per parameter.
+    score: f64,
+    model: Model,
+    candidate: usize,
 }
 
 /// `model` with `c` added, at one of its starts.
 fn with(model: &Model, c: &Candidate, start: &[f64]) -> Model {
     let mut m = model.clone();
     m.free.retain(|g| !c.free.iter().any(|f| f.p == g.p));
-    m.free.extend(c.free.iter().copied());
+    m.free.extend(c.free.iter().filter(|f| !f.fixed()).copied());
     for (f, v) in c.free.iter().zip(start) {
         m.params.set(f.p, *v);
     }
@@ -108,276 +157,365 @@ fn with(model: &Model, c: &Candidate, start: &[f64]) -> Model {
 }
 
 impl Search<'_> {
-    fn tuned(&self, cost: f64) -> Objective<'_> {
+    fn tuned(&self, model: &Model) -> Objective<'_> {
         // At a model error of size `cost` per sample a squared tolerance weighs one independent sample.
         let mut o = self.objective.clone();
-        o.prior_weight = cost.max(self.floor_cost) / self.independent;
+        o.prior_weight = o.data_cost(&model.params).max(self.floor_cost) / self.independent;
         o
     }
 
-    /// Held-out cost of each fold: fitted on the others, from `model`.
+    /// Held-out cost of each fold.
     fn held_out(&self, o: &Objective<'_>, model: &Model) -> Vec<f64> {
         if self.folds.len() < 2 {
             return vec![o.data_cost(&model.params)];
         }
-        let one = |fold: &Vec<usize>| {
-            let train: Vec<usize> = o
-                .runs
-                .iter()
-                .copied()
-                .filter(|r| !fold.contains(r))
-                .collect();
-            let mut m = model.clone();
-            o.on(train).polish(&mut m, 2);
-            // Share of the fold, so that the folds add up to a mean over runs.
-            o.on(fold.clone()).data_cost(&m.params) * fold.len() as f64 / o.runs.len() as f64
+        o.fold_costs(model, &self.folds)
+    }
+
+    /// Cost with the price of a candidate's parameters (Schwarz), for independent samples.
+    fn score(&self, cost: f64, c: &Candidate) -> f64 {
+        let n = c.moving() as f64;
+        cost * libm::exp(n * libm::log(self.independent) / self.independent)
+    }
+
+    /// Whether `c` would move what is already free without a prior, or what an effect in the model moves.
+    fn taken(&self, model: &Model, found: &[Found], c: &Candidate) -> bool {
+        let moves = |p: P| {
+            model.free.iter().any(|g| g.p == p && g.tolerance.is_none())
+                || found.iter().any(|f| f.candidate.free.iter().any(|g| g.p == p))
         };
-        self.folds.iter().map(one).collect()
+        found.iter().any(|f| f.candidate.effect == c.effect) || c.free.iter().any(|f| moves(f.p))
     }
 
-    fn overlaps(&self, model: &Model, c: &Candidate, nominal: &[P]) -> bool {
-        c.free.iter().any(|f| {
-            model
-                .free
-                .iter()
-                .any(|g| g.p == f.p && (g.tolerance.is_none() || !nominal.contains(&g.p)))
-        })
+    /// Improves all and sorts them by score.
+    fn refit(&self, o: &Objective<'_>, all: &mut [Try], iterations: usize) {
+        let mut models: Vec<Model> = all.iter().map(|x| x.model.clone()).collect();
+        let costs = o.polish_all(&mut models, iterations);
+        for ((x, m), c) in all.iter_mut().zip(models).zip(costs) {
+            x.score = self.score(c, &self.library[x.candidate]);
+            x.model = m;
+        }
+        all.sort_by(|a, b| a.score.total_cmp(&b.score));
     }
 
-    /// Candidates ranked by their cost after a first, cheap adaptation.
-    fn ranked(
-        &self,
-        o: &Objective<'_>,
-        model: &Model,
-        skip: &[Effect],
-        nominal: &[P],
-    ) -> Vec<(f64, Model, usize)> {
-        let linear = o.linearise(model);
-        let mut out = Vec::new();
+    /// The best candidates beside those in the model: every start is screened with the other parameters adapted to first
+    /// order, the best starts of every candidate are refitted a little, the best candidates well.
+    fn expand(&self, o: &Objective<'_>, model: &Model, found: &[Found]) -> Vec<Try> {
+        let mut tries: Vec<(usize, Model)> = Vec::new();
+        let arrivals = candidates::irregular(o.problem);
         for (k, c) in self.library.iter().enumerate() {
-            if skip.contains(&c.effect) || self.overlaps(model, c, nominal) {
-                continue;
-            }
-            let mut tries: Vec<(f64, Model)> = c
-                .starts
-                .iter()
-                .map(|s| {
-                    let m = with(model, c, s);
-                    let cost = if self.options.thorough {
-                        o.cost(&m)
-                    } else {
-                        o.screen(&linear, &m.params)
-                    };
-                    (cost, m)
-                })
-                .collect();
-            tries.sort_by(|a, b| a.0.total_cmp(&b.0));
-            if self.options.thorough {
-                tries.truncate(3);
-                tries
-                    .iter_mut()
-                    .for_each(|(cost, m)| *cost = o.polish(m, 5));
-                tries.sort_by(|a, b| a.0.total_cmp(&b.0));
-            }
-            if let Some((cost, m)) = tries.into_iter().next() {
-                out.push((cost, m, k));
+            if !self.taken(model, found, c) && arrivals.admits(c.effect) {
+                tries.extend(c.starts.iter().map(|s| (k, with(model, c, s))));
             }
         }
-        out.sort_by(|a, b| a.0.total_cmp(&b.0));
-        out
+        let sets: Vec<Params> = tries.iter().map(|t| t.1.params).collect();
+        let linear = o.linearise(model);
+        let costs = o.screen(&linear, &sets);
+        let mut all: Vec<Try> = tries
+            .into_iter()
+            .zip(costs)
+            .map(|((candidate, model), score)| Try {
+                score,
+                model,
+                candidate,
+            })
+            .collect();
+        all.sort_by(|a, b| a.score.total_cmp(&b.score));
+        let starts = if self.options.thorough { 2 } else { 1 };
+        let mut seen = vec![0; self.library.len()];
+        all.retain(|t| {
+            seen[t.candidate] += 1;
+            seen[t.candidate] <= starts
+        });
+        let moved: usize = found.iter().map(|f| f.candidate.moving()).sum();
+        self.refit_shared(o, &linear, &mut all, moved, 2);
+        let mut seen = vec![false; self.library.len()];
+        all.retain(|t| !std::mem::replace(&mut seen[t.candidate], true));
+        all.truncate(2 * self.options.refined);
+        self.refit_shared(o, &linear, &mut all, moved, 3);
+        all.truncate(self.options.refined);
+        self.refit(o, &mut all, 5);
+        all
     }
 
-    /// Runs the search from the calibrated nominal model.
-    #[must_use]
-    pub fn run(&self, calibrated: Model) -> Selection {
-        let nominal: Vec<P> = calibrated.free.iter().map(|f| f.p).collect();
-        let mut model = calibrated;
-        let mut found: Vec<Found> = Vec::new();
-        let mut held: Vec<f64> =
-            self.held_out(&self.tuned(self.objective.data_cost(&model.params)), &model);
-        let mut steps = vec![Step {
-            added: None,
-            model: model.clone(),
-            held_out: held.iter().sum(),
-        }];
-        let mut refused = Vec::new();
-        while found.len() < self.options.most {
-            let o = self.tuned(self.objective.data_cost(&model.params));
-            let skip: Vec<Effect> = found.iter().map(|f| f.candidate.effect).collect();
-            let mut best: Vec<(f64, Model, usize)> = self.ranked(&o, &model, &skip, &nominal);
-            best.truncate(self.options.refined);
-            best.iter_mut()
-                .for_each(|(cost, m, _)| *cost = o.polish(m, 8));
-            best.sort_by(|a, b| a.0.total_cmp(&b.0));
-            let least = self
-                .options
-                .least_cost
-                .max(self.options.least_share * steps[0].held_out);
-            let accepted = self.first_believed(&o, &best, &held, least, &mut refused);
-            let Some((candidate, next, next_held, gain)) = accepted else {
-                break;
-            };
-            model = next;
-            held = next_held;
-            steps.push(Step {
-                added: Some(candidate.effect),
-                model: model.clone(),
-                held_out: held.iter().sum(),
-            });
-            found.push(Found { candidate, gain });
-            self.prune(&nominal, &mut model, &mut found, &mut held);
-        }
-        Selection {
-            held_out: held.iter().sum(),
-            model,
-            found,
-            steps,
-            refused,
-        }
-    }
-
-    /// The best candidate whose gain holds on gaits it was not fitted to.
-    fn first_believed(
+    /// Improves all with the shared slopes of `linear`; the last `moved` parameters before the candidate's own are those of
+    /// effects already found, which a new one may push far: they are linearised afresh too.
+    fn refit_shared(
         &self,
         o: &Objective<'_>,
-        best: &[(f64, Model, usize)],
-        held: &[f64],
-        least: f64,
-        refused: &mut Vec<(Effect, f64)>,
-    ) -> Option<(Candidate, Model, Vec<f64>, f64)> {
-        let before: f64 = held.iter().sum();
-        refused.clear();
-        for (_, m, k) in best.iter().take(2) {
-            let c = &self.library[*k];
-            let next = self.held_out(o, m);
-            let after: f64 = next.iter().sum();
-            let gain = (before - after)
-                / (before - self.floor_cost)
-                    .max(0.25 * self.floor_cost)
-                    .max(1e-9);
-            let wins = next.iter().zip(held).filter(|(a, b)| a < b).count();
-            let outside = c
-                .free
-                .iter()
-                .all(|f| !c.effect.is_base() || self.beyond_tolerance(f.p, &m.params));
-            let majority = 2 * wins > held.len() || held.len() < 3;
-            if gain > self.options.least_gain && before - after > least && majority && outside {
-                return Some((c.clone(), m.clone(), next, gain));
+        linear: &Linear,
+        all: &mut [Try],
+        moved: usize,
+        iterations: usize,
+    ) {
+        let mut models: Vec<Model> = all.iter().map(|x| x.model.clone()).collect();
+        let own: Vec<usize> = all
+            .iter()
+            .map(|x| (moved + self.library[x.candidate].moving()).min(x.model.free.len()))
+            .collect();
+        let costs = o.polish_shared(linear, &mut models, &own, iterations);
+        for ((x, m), c) in all.iter_mut().zip(models).zip(costs) {
+            x.score = self.score(c, &self.library[x.candidate]);
+            x.model = m;
+        }
+        all.sort_by(|a, b| a.score.total_cmp(&b.score));
+    }
+
+    /// Refits a candidate from all its starts: non-smooth parameters have more than one valley.
+    fn deepen(&self, o: &Objective<'_>, node: &Node, linear: &Linear, best: &mut Try) {
+        let c = &self.library[best.candidate];
+        if c.starts.len() < 2 {
+            return;
+        }
+        let mut all: Vec<Try> = c
+            .starts
+            .iter()
+            .map(|s| Try {
+                score: 0.0,
+                model: with(&node.model, c, s),
+                candidate: best.candidate,
+            })
+            .collect();
+        let moved = node.found.iter().map(|f| f.candidate.moving()).sum();
+        self.refit_shared(o, linear, &mut all, moved, 4);
+        all.truncate(1);
+        if all.iter().any(|t| t.score < 1.5 * best.score) {
+            self.refit(o, &mut all, 3);
+        }
+        if let Some(first) = all.into_iter().next().filter(|t| t.score < best.score) {
+            *best = first;
+        }
+        let moving: Vec<P> = node
+            .found
+            .iter()
+            .flat_map(|f| &f.candidate.free)
+            .chain(&c.free)
+            .map(|f| f.p)
+            .collect();
+        best.score = self.score(o.jiggle(&mut best.model, &moving), c);
+    }
+
+    /// Largest distance of the base parameters of `c` from nominal, in tolerances; infinite where it has none.
+    fn pull(&self, c: &Candidate, params: &Params) -> f64 {
+        if !c.effect.is_base() {
+            return f64::INFINITY;
+        }
+        let known = candidates::nominal(self.objective.problem);
+        let one = |p: P| {
+            let f = known.iter().find(|f| f.p == p && f.tolerance.is_some());
+            f.map_or(f64::INFINITY, |f| f.pull(params.get(p)).abs())
+        };
+        c.free.iter().map(|f| one(f.p)).fold(0.0, f64::max)
+    }
+
+    /// Puts `t` to the test of held-out gaits against `node`.
+    fn consider(
+        &self,
+        o: &Objective<'_>,
+        node: &Node,
+        t: &Try,
+        first: f64,
+    ) -> (Considered, Vec<f64>) {
+        let c = &self.library[t.candidate];
+        let held = self.held_out(o, &t.model);
+        let before = node.held_out() + o.prior_cost(&node.model);
+        let after = held.iter().sum::<f64>() + o.prior_cost(&t.model);
+        let gain = (before - after) / (after + self.options.model_error * first).max(1e-12);
+        let wins = held.iter().zip(&node.held).filter(|(a, b)| a < b).count();
+        let pull = self.pull(c, &t.model.params);
+        let majority = 2 * wins > held.len() || held.len() < 3 || c.effect.is_base();
+        let believed = gain > self.options.least_gain && majority && pull > 3.0;
+        let out = Considered {
+            effect: c.effect,
+            step: node.found.len(),
+            before,
+            after,
+            gain,
+            wins,
+            pull,
+            believed,
+        };
+        (out, held)
+    }
+
+    /// The best candidate whose gain holds on gaits it was not fitted to, as a new node.
+    fn believed(
+        &self,
+        o: &Objective<'_>,
+        node: &Node,
+        tries: &mut [Try],
+        first: f64,
+        log: &mut Vec<Considered>,
+    ) -> Option<(f64, Node)> {
+        let linear = o.linearise(&node.model);
+        for t in tries.iter_mut().take(2) {
+            self.deepen(o, node, &linear, t);
+            let (c, held) = self.consider(o, node, t, first);
+            log.push(c.clone());
+            if c.believed {
+                let mut found = node.found.clone();
+                found.push(Found {
+                    candidate: self.library[t.candidate].clone(),
+                    gain: c.gain,
+                });
+                let next = Node {
+                    model: t.model.clone(),
+                    found,
+                    held,
+                };
+                return Some((t.score, next));
             }
-            refused.push((c.effect, gain));
         }
         None
     }
 
-    /// Whether a base parameter left its tolerance (three sigma); always so where no tolerance is known.
-    fn beyond_tolerance(&self, p: P, params: &Params) -> bool {
-        let known = crate::candidates::nominal(self.objective.problem);
-        known
+    /// Whether `next` is better than `node` by what an effect must gain.
+    fn gains(&self, o: &Objective<'_>, node: &Node, next: &Node, first: f64) -> bool {
+        let before = node.held_out() + o.prior_cost(&node.model);
+        let after = next.held_out() + o.prior_cost(&next.model);
+        before - after > self.options.least_gain * (after + self.options.model_error * first)
+    }
+
+    /// Whether any effect could still gain enough.
+    fn room(&self, held_out: f64, first: f64) -> bool {
+        let most = held_out - 0.5 * self.floor_cost;
+        most > self.options.least_gain * (0.5 * self.floor_cost + self.options.model_error * first)
+    }
+
+    /// Runs the search from the calibrated nominal model.
+    #[must_use]
+    pub fn run(&self, calibrated: Model, watch: Watch<'_>) -> Selection {
+        let o = self.tuned(&calibrated);
+        let held = self.held_out(&o, &calibrated);
+        let mut node = Node {
+            model: calibrated,
+            found: Vec::new(),
+            held,
+        };
+        let first = node.held_out();
+        let mut log = Vec::new();
+        let mut steps = vec![step(None, &node)];
+        let mut branches: Vec<Node> = Vec::new();
+        let mut partial = false;
+        while node.found.len() < self.options.most && self.room(node.held_out(), first) {
+            if !watch(&format!("searching effect {}", node.found.len() + 1)) {
+                partial = true;
+                break;
+            }
+            let o = self.tuned(&node.model);
+            let mut tries = self.expand(&o, &node.model, &node.found);
+            let mut best = self.believed(&o, &node, &mut tries, first, &mut log);
+            for other in branches.drain(..) {
+                let mut tries = self.expand(&o, &other.model, &other.found);
+                let pick = self.believed(&o, &other, &mut tries, first, &mut log);
+                let limit = best.as_ref().map_or(f64::INFINITY, |b| 0.97 * b.0);
+                let better = |p: &(f64, Node)| p.0 < limit && self.gains(&o, &node, &p.1, first);
+                best = pick.filter(better).or(best);
+            }
+            let Some((_, next)) = best else { break };
+            if node.found.is_empty() {
+                let chosen = next.found.last().map(|f| f.candidate.effect);
+                branches = self.branches(&o, &node, &tries, chosen);
+            }
+            node = next;
+            steps.push(step(node.found.last().map(|f| f.candidate.effect), &node));
+            self.prune(&mut node, first);
+        }
+        let mut rivals = Vec::new();
+        if !partial && watch("trying rivals") {
+            rivals = self.exchange(&mut node);
+        }
+        rivals.resize_with(node.found.len(), Vec::new);
+        Selection {
+            held_out: node.held_out(),
+            model: node.model,
+            found: node.found,
+            steps,
+            considered: log,
+            rivals,
+            partial,
+        }
+    }
+
+    /// The next best first effects, as nodes of their own.
+    fn branches(
+        &self,
+        o: &Objective<'_>,
+        node: &Node,
+        tries: &[Try],
+        chosen: Option<Effect>,
+    ) -> Vec<Node> {
+        let others = tries
             .iter()
-            .find(|f| f.p == p)
-            .is_none_or(|f| f.tolerance.is_none() || f.pull(params.get(p)).abs() > 3.0)
+            .filter(|t| Some(self.library[t.candidate].effect) != chosen);
+        others
+            .take(BRANCHES)
+            .map(|t| Node {
+                model: t.model.clone(),
+                found: vec![Found {
+                    candidate: self.library[t.candidate].clone(),
+                    gain: 0.0,
+                }],
+                held: self.held_out(o, &t.model),
+            })
+            .filter(|n| n.held_out() < node.held_out())
+            .collect()
     }
 
     /// Takes effects out again that a later one made needless.
-    fn prune(&self, nominal: &[P], model: &mut Model, found: &mut Vec<Found>, held: &mut Vec<f64>) {
-        while found.len() > 1 {
-            let o = self.tuned(self.objective.data_cost(&model.params));
-            let now: f64 = held.iter().sum();
-            let mut weakest: Option<(f64, usize, Model, Vec<f64>)> = None;
+    fn prune(&self, node: &mut Node, first: f64) {
+        while node.found.len() > 1 {
+            let o = self.tuned(&node.model);
+            let now = node.held_out() + o.prior_cost(&node.model);
             // The last one came in just now and stays.
-            let earlier = found.iter().enumerate().take(found.len() - 1);
-            for (i, effect) in earlier {
-                let mut m = self.without(model, &effect.candidate, nominal);
-                o.polish(&mut m, 4);
-                let h = self.held_out(&o, &m);
-                let cost: f64 = h.iter().sum();
+            let mut models: Vec<Model> = node.found[..node.found.len() - 1]
+                .iter()
+                .map(|f| self.without(&node.model, &f.candidate))
+                .collect();
+            o.polish_all(&mut models, 4);
+            let mut weakest: Option<(f64, usize, Vec<f64>)> = None;
+            for (i, m) in models.iter().enumerate() {
+                let held = self.held_out(&o, m);
+                let cost = held.iter().sum::<f64>() + o.prior_cost(m);
                 if weakest.as_ref().is_none_or(|w| cost < w.0) {
-                    weakest = Some((cost, i, m, h));
+                    weakest = Some((cost, i, held));
                 }
             }
-            let Some((cost, i, m, h)) = weakest else {
+            let Some((cost, i, held)) = weakest else {
                 return;
             };
-            let loss = (cost - now)
-                / (cost - self.floor_cost)
-                    .max(0.25 * self.floor_cost)
-                    .max(1e-9);
-            if loss > 0.7 * self.options.least_gain && cost - now > 0.7 * self.options.least_cost {
+            let loss = (cost - now) / (now + self.options.model_error * first).max(1e-12);
+            if loss > self.options.least_gain {
                 return;
             }
-            found.remove(i);
-            (*model, *held) = (m, h);
+            node.found.remove(i);
+            node.model = models.swap_remove(i);
+            node.held = held;
         }
     }
 
     /// `model` with the parameters of `c` back at neutral, nominal ones back under their priors.
-    fn without(&self, model: &Model, c: &Candidate, nominal: &[P]) -> Model {
+    fn without(&self, model: &Model, c: &Candidate) -> Model {
         let mut m = model.clone();
         for f in &c.free {
             m.params.set(f.p, Params::neutral(f.p));
             m.free.retain(|g| g.p != f.p);
-            if nominal.contains(&f.p) {
-                m.free.extend(
-                    crate::candidates::nominal(self.objective.problem)
-                        .into_iter()
-                        .filter(|g| g.p == f.p),
-                );
+            if self.nominal.contains(&f.p) {
+                // In front: the parameters of effects stay last.
+                let known = candidates::nominal(self.objective.problem);
+                if let Some(g) = known.into_iter().find(|g| g.p == f.p) {
+                    m.free.insert(0, g);
+                }
             }
         }
         m
     }
+}
 
-    /// Tries the best rivals in the place of every found effect.
-    #[must_use]
-    pub fn rivals(&self, s: &Selection, nominal: &[P], most: usize) -> Vec<Vec<Rival>> {
-        let cost = self.objective.data_cost(&s.model.params);
-        let o = self.tuned(cost);
-        let reference = o.cost(&s.model);
-        let all: Vec<Effect> = s.found.iter().map(|f| f.candidate.effect).collect();
-        let one = |f: &Found| {
-            let mut bare = self.without(&s.model, &f.candidate, nominal);
-            o.polish(&mut bare, 3);
-            let mut best = self.ranked(&o, &bare, &all, nominal);
-            best.truncate(most);
-            let mut out: Vec<Rival> = best
-                .iter_mut()
-                .map(|(_, m, k)| {
-                    let c = o.polish(m, 6);
-                    Rival {
-                        effect: self.library[*k].effect,
-                        cost_ratio: c / reference.max(1e-12),
-                    }
-                })
-                .collect();
-            out.sort_by(|a, b| a.cost_ratio.total_cmp(&b.cost_ratio));
-            out.dedup_by_key(|r| r.effect);
-            out
-        };
-        s.found.iter().map(one).collect()
-    }
-
-    /// Model with only one of the found effects, and model with all but one.
-    #[must_use]
-    pub fn alone_and_removed(
-        &self,
-        s: &Selection,
-        calibrated: &Model,
-        nominal: &[P],
-    ) -> Vec<(Model, Model)> {
-        let o = self.tuned(self.objective.data_cost(&s.model.params));
-        let one = |f: &Found| {
-            let values: Vec<f64> = f
-                .candidate
-                .free
-                .iter()
-                .map(|x| s.model.params.get(x.p))
-                .collect();
-            let mut alone = with(calibrated, &f.candidate, &values);
-            let mut removed = self.without(&s.model, &f.candidate, nominal);
-            o.polish(&mut alone, 5);
-            o.polish(&mut removed, 5);
-            (alone, removed)
-        };
-        s.found.iter().map(one).collect()
+fn step(added: Option<Effect>, node: &Node) -> Step {
+    Step {
+        added,
+        model: node.model.clone(),
+        held_out: node.held_out(),
     }
 }

@@ -133,13 +133,13 @@ fn gap(d: &Diagnosis, settings: &Settings) -> Gap {
 
 /// Cost of the final model over that of a perfect one.
 fn remainder(d: &Diagnosis) -> f64 {
-    (d.selection.held_out / d.floor.cost().max(1e-9)).sqrt()
+    (d.selection.held_out / d.floor_cost.max(1e-9)).sqrt()
 }
 
 fn word(d: &Diagnosis, gap: &Gap) -> Word {
     let found = &d.selection.found;
     let first = d.selection.steps.first().map_or(0.0, |s| s.held_out);
-    let floor = d.floor.cost();
+    let floor = d.floor_cost;
     let explained = 1.0 - (d.selection.held_out - floor).max(0.0) / (first - floor).max(1e-9);
     let left = remainder(d) > REMAINDER;
     let repeats = d.floor.repeat.is_some();
@@ -177,7 +177,7 @@ fn position_only(d: &Diagnosis) -> bool {
 fn class(d: &Diagnosis, k: usize) -> Vec<(Effect, f64)> {
     let found = d.selection.found[k].candidate.effect;
     let mut out = vec![(found, 1.0)];
-    for r in &d.rivals[k] {
+    for r in &d.selection.rivals[k] {
         let m = margin(r.cost_ratio, d.independent);
         if m < MARGIN {
             out.push((r.effect, libm::exp(-0.5 * m * m)));
@@ -252,7 +252,7 @@ fn effect_rows(d: &Diagnosis, left: f64) -> Vec<EffectRow> {
             joint: Some(d.problem.joint),
             parameters: values.into_iter().enumerate().map(estimate).collect(),
             confidence: (1.0 - left) / n,
-            alternatives: d.rivals[k].iter().map(alternative).collect(),
+            alternatives: d.selection.rivals[k].iter().map(alternative).collect(),
             gap_added_alone: score(d, &alone.params, false),
             gap_removed_from_full: score(d, &removed.params, false),
             kind: if c.effect.is_base() {
@@ -598,6 +598,7 @@ pub(super) fn verdict(d: &Diagnosis, library: &[Candidate], settings: &Settings)
             split: d.split.clone(),
             ..empty().provenance
         },
+        partial: d.selection.partial,
         gap,
         ..empty()
     }

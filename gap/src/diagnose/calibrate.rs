@@ -29,7 +29,7 @@ fn global(o: &Objective<'_>, free: &[Free], independent: f64, seed: u64) -> Mode
         return start;
     }
     let mut rng = Rng::new(seed);
-    let mut tries: Vec<(f64, Model)> = (0..STARTS)
+    let models: Vec<Model> = (0..STARTS)
         .map(|i| {
             let mut m = start.clone();
             for f in free {
@@ -41,9 +41,10 @@ fn global(o: &Objective<'_>, free: &[Free], independent: f64, seed: u64) -> Mode
                 };
                 m.params.set(f.p, f.to_value(x));
             }
-            (o.data_cost(&m.params), m)
+            m
         })
         .collect();
+    let mut tries: Vec<(f64, Model)> = o.costs(&models).into_iter().zip(models).collect();
     tries.sort_by(|a, b| a.0.total_cmp(&b.0));
     tries.truncate(REFINED);
     tries

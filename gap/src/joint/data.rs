@@ -25,6 +25,8 @@ pub struct Nominal {
     pub ki: f64,
     /// Velocity gain, output unit per rad/s.
     pub kd: f64,
+    /// Period of the controller, s; 0 where unknown.
+    pub period_s: f64,
     /// Largest controller output.
     pub limit: f64,
     /// Largest speed of a velocity servo.
@@ -104,6 +106,8 @@ pub struct RunData {
     pub command_t_s: Vec<f64>,
     /// Set-points at those times.
     pub command: Vec<f64>,
+    /// Set-points that arrived, by the driver's echo; empty where it was not measured.
+    pub arrivals: Vec<super::arrival::Arrival>,
     /// Rows.
     pub samples: Vec<Sample>,
     /// Enable edges, the first at step 0.
@@ -112,6 +116,8 @@ pub struct RunData {
     pub steps: usize,
     /// Time of row 0 on the device clock, s.
     pub t0_s: f64,
+    /// Recordings that were averaged into this one.
+    pub count: f64,
 }
 
 /// Everything the fit needs to know of one joint.
@@ -229,6 +235,7 @@ pub fn nominal(b: &Bench) -> Nominal {
         kp,
         ki: value(c.ki, 0.0),
         kd,
+        period_s: value(c.period_s, 0.0).max(0.0),
         limit: value(c.limit.filter(|_| c.kp.is_some()), default_limit),
         speed_limit: if output == Output::Velocity {
             value(b.max_speed, free)
@@ -390,6 +397,7 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
         });
     }
     let steps = samples.last().map_or(0, |s| s.step + 1);
+    let arrivals = super::arrival::arrivals(&samples, &command_t_s, &commands, dt_s);
     mask_edges(&mut samples, &command_t_s, dt_s);
     RunData {
         name: String::new(),
@@ -399,10 +407,12 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
         nominal,
         command_t_s,
         command: commands,
+        arrivals,
         samples,
         edges,
         steps,
         t0_s,
+        count: 1.0,
     }
 }
 

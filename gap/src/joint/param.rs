@@ -29,11 +29,13 @@ params! {
     MechOffset = 0.0, "mechanical angle minus encoder angle";
     RecordScale = 1.0, "recorded position over true position";
     Delay = 0.0, "set-point delay, s";
+    Echo = 0.0, "1: set-points arrive when the driver echoed them";
     Skew = 0.0, "robot clock rate minus 1";
     Quantum = 0.0, "set-point step";
     Deadband = 0.0, "half width of ignored errors";
     SlewLimit = f64::INFINITY, "largest speed of the set-point";
     FeedbackDelay = 0.0, "encoder delay in the controller, s";
+    SpeedDelay = 1.0, "delay of the controller's speed estimate, in controller periods";
     Lag = 0.0, "time constant of the actuator, s";
     CurrentLimit = f64::INFINITY, "A";
     TorqueLimit = f64::INFINITY, "N m or N";

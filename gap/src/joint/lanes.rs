@@ -1,0 +1,505 @@
+//! The forward model of one joint, eight parameter sets at a time. Semi-implicit Euler; friction as a clipped
+//! stop-effort, so it holds without chatter. Lanes never mix: a lane gives the same bits whatever its neighbours are.
+
+use files::dataset::{Command, Output};
+use wide::f64x8 as F;
+
+use super::command::Commands;
+use super::data::{CHANNELS, RunData};
+use super::param::{P, Params};
+
+/// Parameter sets simulated at once.
+pub const LANES: usize = 8;
+
+/// Most steps of delay in the speed estimate.
+const SPEEDS: usize = 8;
+
+/// Steps whose set-points are worked out ahead at once: small enough for the fastest cache.
+const BLOCK: usize = 128;
+
+/// Simulated channels at one row, for all lanes.
+pub type Row = [F; CHANNELS];
+
+/// Which optional parts of the model any lane uses.
+struct Used {
+    ripple: bool,
+    stribeck: bool,
+    load: bool,
+    directional: bool,
+    sag: bool,
+    derate: bool,
+    limit: bool,
+    feedback_delay: bool,
+    gravity: bool,
+    play: bool,
+    output_play: bool,
+    twist: bool,
+}
+
+/// Parameters of a run, resolved to absolute values once.
+struct Model<'a> {
+    p: &'a [Params],
+    used: Used,
+    dt: F,
+    /// dt / inertia.
+    k: F,
+    inertia: F,
+    gravity: F,
+    mech: F,
+    /// Effort per unit of duty and volt.
+    gv: F,
+    /// Effort per speed lost to the back-EMF.
+    ge: F,
+    /// Effort per ampere.
+    kt: F,
+    supply: F,
+    kp: F,
+    ki: F,
+    kd: F,
+    band: F,
+    lag: F,
+    limit: F,
+    effort_limit: F,
+    speed_limit: F,
+    sag: F,
+    derate: F,
+    warming: F,
+    coulomb: F,
+    viscous: F,
+    asymmetry: F,
+    asymmetry_viscous: F,
+    quadratic: F,
+    stick: F,
+    stribeck_speed: F,
+    load_share: F,
+    ripple: [F; 3],
+    play: F,
+    output_play: F,
+    flexibility: F,
+    record_scale: F,
+    /// Weights of the last speeds in the controller's speed estimate, newest first; empty where it is exact.
+    speed: Vec<F>,
+    delay_steps: [f64; LANES],
+}
+
+fn lanes(p: &[Params], f: impl Fn(&Params) -> f64) -> F {
+    let mut a = [0.0; LANES];
+    for (i, a) in a.iter_mut().enumerate() {
+        // Lanes beyond the last set repeat it: idle, but harmless.
+        if let Some(p) = p.get(i).or(p.last()) {
+            *a = f(p);
+        }
+    }
+    F::from(a)
+}
+
+fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> {
+    let n = &run.nominal;
+    let get = |q: P| lanes(p, |p| p.get(q));
+    let any = |q: P| p.iter().any(|p| p.get(q) != Params::neutral(q));
+    let volts = n.supply_v.max(1e-9);
+    let kt_nominal = if n.no_load_speed.is_finite() {
+        volts / n.no_load_speed
+    } else {
+        n.stall / volts
+    };
+    let kt = |p: &Params| kt_nominal * p.get(P::Motor);
+    let resistance = |p: &Params| p.get(P::Resistance).max(1e-6);
+    let inertia = |p: &Params| (n.inertia * p.get(P::Inertia)).max(1e-12);
+    let gravity = |p: &Params| n.gravity * p.get(P::Gravity) + p.get(P::Weight);
+    let effort_limit = |p: &Params| {
+        n.effort_limit
+            .min(p.get(P::TorqueLimit))
+            .min(p.get(P::CurrentLimit) * kt(p))
+    };
+    let lag = |p: &Params| {
+        let lag = p.get(P::Lag).max(0.0);
+        if lag > 0.0 { dt / (lag + dt) } else { 1.0 }
+    };
+    let mut delay_steps = [0.0; LANES];
+    for (d, p) in delay_steps.iter_mut().zip(p) {
+        *d = (p.get(P::FeedbackDelay) / dt).max(0.0);
+    }
+    let used = Used {
+        ripple: any(P::RippleSin) || any(P::RippleCos),
+        stribeck: any(P::Static),
+        load: any(P::LoadShare),
+        directional: any(P::Asymmetry) || any(P::AsymmetryViscous) || any(P::Quadratic),
+        sag: any(P::Sag),
+        derate: any(P::DerateShare),
+        limit: p.iter().any(|p| effort_limit(p).is_finite()),
+        feedback_delay: delay_steps.iter().any(|d| *d > 0.0),
+        gravity: p.iter().any(|p| gravity(p) != 0.0),
+        play: any(P::Play),
+        output_play: any(P::OutputPlay),
+        twist: any(P::Flexibility),
+    };
+    Model {
+        p,
+        used,
+        dt: F::splat(dt),
+        k: lanes(p, |p| dt / inertia(p)),
+        inertia: lanes(p, inertia),
+        gravity: lanes(p, gravity),
+        mech: get(P::MechOffset),
+        gv: lanes(p, |p| n.stall / volts * p.get(P::Motor) / resistance(p)),
+        ge: lanes(p, |p| {
+            n.stall / n.no_load_speed * p.get(P::Motor) * p.get(P::Motor) / resistance(p)
+        }),
+        kt: lanes(p, kt),
+        supply: lanes(p, |p| n.supply_v * p.get(P::Supply)),
+        kp: lanes(p, |p| n.kp * p.get(P::LoopGain)),
+        ki: F::splat(n.ki),
+        kd: lanes(p, |p| n.kd * p.get(P::Damping)),
+        band: get(P::Deadband),
+        lag: lanes(p, lag),
+        limit: F::splat(n.limit),
+        effort_limit: lanes(p, effort_limit),
+        speed_limit: F::splat(n.speed_limit),
+        sag: get(P::Sag),
+        derate: get(P::DerateShare),
+        warming: lanes(p, |p| (dt / p.get(P::DerateTime).max(1e-3)).min(1.0)),
+        coulomb: get(P::Coulomb),
+        viscous: get(P::Viscous),
+        asymmetry: get(P::Asymmetry),
+        asymmetry_viscous: get(P::AsymmetryViscous),
+        quadratic: get(P::Quadratic),
+        stick: get(P::Static),
+        stribeck_speed: get(P::StribeckSpeed),
+        load_share: get(P::LoadShare),
+        ripple: [get(P::RippleSin), get(P::RippleCos), get(P::RipplePeriods)],
+        play: get(P::Play),
+        output_play: get(P::OutputPlay),
+        flexibility: get(P::Flexibility),
+        record_scale: get(P::RecordScale),
+        speed: speed_weights(p, n.period_s, dt),
+        delay_steps,
+    }
+}
+
+/// A delay of the speed estimate as weights of the last speeds: a hat between the two nearest steps.
+fn speed_weights(p: &[Params], period_s: f64, dt: f64) -> Vec<F> {
+    let steps = |p: &Params| (p.get(P::SpeedDelay).max(0.0) * period_s / dt).min(SPEEDS as f64 - 1.0);
+    let most = p.iter().map(steps).fold(0.0, f64::max);
+    if most <= 0.0 {
+        return Vec::new();
+    }
+    (0..=most.ceil() as usize)
+        .map(|k| lanes(p, |p| (1.0 - (steps(p) - k as f64).abs()).max(0.0)))
+        .collect()
+}
+
+/// What the loop carries from step to step.
+struct State {
+    q: F,
+    dq: F,
+    integral: F,
+    actuator: F,
+    output: F,
+    link: F,
+    /// Gravity effort at `q` of the last step.
+    duty: F,
+    bus: F,
+    effort: F,
+    /// Effort before any loss of torque: what the current shows.
+    electrical: F,
+    heat: F,
+    history: Vec<(F, F)>,
+    at: usize,
+    speeds: [F; SPEEDS],
+}
+
+fn zero() -> F {
+    F::splat(0.0)
+}
+
+/// `x` between `low` and `high`; `low <= high`.
+fn clamp(x: F, low: F, high: F) -> F {
+    x.fast_max(low).fast_min(high)
+}
+
+fn sign_of(x: F) -> F {
+    let one = F::splat(1.0);
+    x.simd_lt(zero()).select(-one, one)
+}
+
+/// Sine of every lane: the polynomial of [`crate::math::sin`], rounding by the floating-point adder.
+fn sin(x: F) -> F {
+    // 1.5 * 2^52: adding it leaves the nearest whole number in the last bits.
+    const MAGIC: f64 = 6_755_399_441_055_744.0;
+    let k = (x * F::splat(std::f64::consts::FRAC_1_PI) + F::splat(MAGIC)) - F::splat(MAGIC);
+    let r = x - k * F::splat(std::f64::consts::PI);
+    let r2 = r * r;
+    let mut p = F::splat(-1.0 / 1_307_674_368_000.0);
+    for c in [
+        1.0 / 6_227_020_800.0,
+        -1.0 / 39_916_800.0,
+        1.0 / 362_880.0,
+        -1.0 / 5040.0,
+        1.0 / 120.0,
+        -1.0 / 6.0,
+    ] {
+        p = F::splat(c) + r2 * p;
+    }
+    let s = r + r * r2 * p;
+    // Odd k: half of it is not whole.
+    let half = k * F::splat(0.5);
+    let whole = (half + F::splat(MAGIC)) - F::splat(MAGIC);
+    half.simd_ne(whole).select(-s, s)
+}
+
+impl State {
+    fn new(run: &RunData, m: &Model<'_>) -> Self {
+        let e = run.edges.first().copied();
+        let (q, dq) = e.map_or((0.0, 0.0), |e| (e.position, e.velocity));
+        let (q, dq) = (F::splat(q), F::splat(dq));
+        let deepest = m.delay_steps.iter().copied().fold(0.0, f64::max);
+        Self {
+            q,
+            dq,
+            integral: zero(),
+            actuator: zero(),
+            output: q,
+            link: q,
+            duty: zero(),
+            bus: m.supply,
+            effort: zero(),
+            electrical: zero(),
+            heat: zero(),
+            history: vec![(q, dq); deepest.ceil() as usize + 2],
+            at: 0,
+            speeds: [dq; SPEEDS],
+        }
+    }
+
+    /// Encoder as the controller sees it.
+    fn feedback(&mut self, m: &Model<'_>) -> (F, F) {
+        if !m.used.feedback_delay {
+            return (self.q, self.dq);
+        }
+        let n = self.history.len();
+        self.history[self.at] = (self.q, self.dq);
+        let (mut q, mut dq) = ([0.0; LANES], [0.0; LANES]);
+        for (i, steps) in m.delay_steps.iter().enumerate() {
+            let whole = *steps as usize;
+            let part = steps - whole as f64;
+            let a = &self.history[(self.at + n - whole) % n];
+            let b = &self.history[(self.at + n - whole - 1) % n];
+            let mix = |a: F, b: F| {
+                let (a, b) = (a.as_array()[i], b.as_array()[i]);
+                a + part * (b - a)
+            };
+            (q[i], dq[i]) = (mix(a.0, b.0), mix(a.1, b.1));
+        }
+        self.at = (self.at + 1) % n;
+        (F::from(q), F::from(dq))
+    }
+
+    fn restart(&mut self, position: f64, velocity: f64, running: bool) {
+        (self.q, self.dq) = (F::splat(position), F::splat(velocity));
+        (self.output, self.link, self.integral) = (self.q, self.q, zero());
+        if running {
+            self.actuator = zero();
+        }
+    }
+}
+
+/// The joint's controller: set-point and encoder to controller output.
+fn control(m: &Model<'_>, s: &mut State, sp: F, run: &RunData) -> F {
+    if run.nominal.command != Command::Position {
+        return clamp(sp, -m.limit, m.limit);
+    }
+    let (q, mut dq) = s.feedback(m);
+    if !m.speed.is_empty() {
+        s.speeds.copy_within(0..SPEEDS - 1, 1);
+        s.speeds[0] = dq;
+        dq = zero();
+        for (w, v) in m.speed.iter().zip(&s.speeds) {
+            dq += *w * *v;
+        }
+    }
+    let mut e = sp - q;
+    e -= clamp(e, -m.band, m.band);
+    if run.nominal.ki != 0.0 {
+        let bound = F::splat(run.nominal.limit / run.nominal.ki.abs());
+        s.integral = clamp(s.integral + e * m.dt, -bound, bound);
+    }
+    clamp(m.kp * e + m.ki * s.integral - m.kd * dq, -m.limit, m.limit)
+}
+
+/// Motor effort `a - b dq` that the drive gives.
+fn drive(m: &Model<'_>, s: &mut State, u: F, output: Output) -> (F, F) {
+    s.actuator += m.lag * (u - s.actuator);
+    let u = s.actuator;
+    let (mut a, mut b) = match output {
+        Output::Duty | Output::Voltage => {
+            let duty = if output == Output::Duty {
+                u
+            } else {
+                u / m.supply
+            };
+            s.duty = duty;
+            if m.used.sag {
+                // Bus current is duty times motor current; solved for the voltage of this very step.
+                let k = m.sag * duty / m.kt;
+                let bus = (m.supply + k * m.ge * s.dq) / (F::splat(1.0) + k * m.gv * duty);
+                s.bus = clamp(bus, zero(), m.supply + m.supply);
+            }
+            (m.gv * duty * s.bus, m.ge)
+        }
+        Output::Effort => (u * m.gv, zero()),
+        Output::Velocity => {
+            let v = clamp(u, -m.speed_limit, m.speed_limit);
+            // A stiff velocity servo: reaches its speed within a step unless the effort limit stops it.
+            let stiff = m.inertia / m.dt;
+            (stiff * v, stiff)
+        }
+    };
+    if m.used.limit {
+        let now = a - b * s.dq;
+        let beyond = now.abs().simd_gt(m.effort_limit);
+        a = beyond.select(clamp(now, -m.effort_limit, m.effort_limit), a);
+        b = beyond.select(zero(), b);
+    }
+    (a, b)
+}
+
+/// One step of the mechanics, given motor effort `a - b dq`.
+fn mechanics(m: &Model<'_>, s: &mut State, electrical: (F, F), enabled: bool) {
+    let (mut a, mut b) = electrical;
+    if m.used.derate {
+        let target = F::splat(if enabled { 1.0 } else { 0.0 });
+        s.heat += (target - s.heat) * m.warming;
+        let warm = F::splat(1.0) - m.derate * s.heat;
+        (a, b) = (a * warm, b * warm);
+    }
+    let mut load = zero();
+    if m.used.gravity {
+        load -= m.gravity * sin(s.q + m.mech);
+    }
+    if m.used.ripple {
+        let x = m.ripple[2] * s.q;
+        load += m.ripple[0] * sin(x)
+            + m.ripple[1] * sin(x + F::splat(std::f64::consts::FRAC_PI_2));
+    }
+    let speed = s.dq;
+    let (mut viscous, mut dry) = (m.viscous, m.coulomb);
+    if m.used.directional {
+        let sign = speed
+            .simd_ne(zero())
+            .select(sign_of(speed), sign_of(a + load));
+        viscous += sign * m.asymmetry_viscous + m.quadratic * speed.abs();
+        dry += sign * m.asymmetry;
+    }
+    let inverse = F::splat(1.0) / (F::splat(1.0) + m.k * (b + viscous));
+    let free = (speed + m.k * (a + load)) * inverse;
+    if m.used.stribeck {
+        let x = free / m.stribeck_speed;
+        dry += m.stick / (F::splat(1.0) + x * x);
+    }
+    if m.used.load {
+        // Half the difference of the two efforts that press on the gear: what it transmits (after Rhoban BAM).
+        dry += m.load_share * F::splat(0.5) * (a - b * speed - load).abs();
+    }
+    let stop = m.k * dry.fast_max(zero()) * inverse;
+    s.dq = sign_of(free) * (free.abs() - stop).fast_max(zero());
+    s.q += m.dt * s.dq;
+    s.effort = a - b * s.dq;
+    s.electrical = electrical.0 - electrical.1 * s.dq;
+    // A run that blows up, or became NaN, is parked far away.
+    let sane = s.q.abs().simd_le(F::splat(1e6));
+    s.q = sane.select(s.q, F::splat(1e6));
+    s.dq = sane.select(s.dq, zero());
+}
+
+fn play(out: F, input: F, half: F) -> F {
+    clamp(out, input - half, input + half)
+}
+
+/// Angle behind play and twist, quasi-static.
+fn transmission(m: &Model<'_>, s: &mut State) {
+    if m.used.play || m.used.twist {
+        let gravity = m.gravity * sin(s.link + m.mech);
+        let target = s.q - m.flexibility * gravity;
+        // The load presses the link to one flank; it crosses when the load turns.
+        let full = F::splat(0.05) * m.gravity.abs() + F::splat(1e-300);
+        let pressed = clamp(gravity / full, F::splat(-1.0), F::splat(1.0));
+        let loaded = play(
+            s.link,
+            target - m.play * pressed,
+            F::splat(0.2) * m.play,
+        );
+        let hanging = m.gravity.abs().simd_gt(zero());
+        s.link = hanging.select(loaded, play(s.link, target, m.play));
+    } else {
+        s.link = s.q;
+    }
+    s.output = if m.used.output_play {
+        play(s.output, s.q, m.output_play)
+    } else {
+        s.q
+    };
+}
+
+fn outputs(m: &Model<'_>, s: &State, applied: F) -> Row {
+    [
+        s.output * m.record_scale,
+        s.electrical / m.kt,
+        s.duty,
+        s.bus,
+        s.link + m.mech,
+        s.effort,
+        applied,
+    ]
+}
+
+/// Simulates a run for up to eight parameter sets with step `dt_s`; one entry per row.
+pub fn simulate_lanes(run: &RunData, params: &[Params], dt_s: f64, trace: &mut Vec<Row>) {
+    trace.clear();
+    let m = resolve(run, params, dt_s);
+    let mut s = State::new(run, &m);
+    let start = run.edges.first().map_or(0.0, |e| e.position);
+    let mut commands = Commands::new(run, m.p, dt_s, start);
+    let (mut applied, mut followed) = ([zero(); BLOCK], [zero(); BLOCK]);
+    let (mut row, mut edge) = (0, 0);
+    let mut enabled = true;
+    let mut before = (s.output, s.link);
+    for block in (0..run.steps).step_by(BLOCK) {
+        let count = BLOCK.min(run.steps - block);
+        commands.fill(block, &mut applied[..count], &mut followed[..count]);
+        for (k, (applied, sp)) in applied.iter().zip(&followed).take(count).enumerate() {
+            let step = block + k;
+            while let Some(e) = run.edges.get(edge).filter(|e| e.step <= step) {
+                s.restart(e.position, e.velocity, step > 0);
+                enabled = e.enabled;
+                before = (s.output, s.link);
+                edge += 1;
+            }
+            let ab = if enabled {
+                let u = control(&m, &mut s, *sp, run);
+                drive(&m, &mut s, u, run.nominal.output)
+            } else {
+                (s.duty, s.actuator) = (zero(), zero());
+                (zero(), zero())
+            };
+            mechanics(&m, &mut s, ab, enabled);
+            transmission(&m, &mut s);
+            while let Some(x) = run.samples.get(row).filter(|x| x.step == step) {
+                trace.push(blend(&m, outputs(&m, &s, *applied), before, x.part));
+                row += 1;
+            }
+            before = (s.output, s.link);
+        }
+    }
+    let last = trace.last().copied().unwrap_or([zero(); CHANNELS]);
+    trace.resize(run.samples.len(), last);
+}
+
+/// Angles run on between steps; electrical signals are held.
+fn blend(m: &Model<'_>, mut after: Row, before: (F, F), part: f64) -> Row {
+    let part = F::splat(part);
+    let (position, link) = (before.0 * m.record_scale, before.1 + m.mech);
+    after[0] = position + part * (after[0] - position);
+    after[4] = link + part * (after[4] - link);
+    after
+}

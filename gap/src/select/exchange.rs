@@ -1,0 +1,103 @@
+//! Rivals: every found effect against the best others in its place.
+
+use super::{Found, Node, Search, with};
+use crate::fit::Model;
+use crate::vocabulary::Effect;
+
+/// A rival that was tried in an effect's place.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rival {
+    /// Which.
+    pub effect: Effect,
+    /// Cost with the rival over cost with the effect, each with a price per parameter.
+    pub cost_ratio: f64,
+}
+
+/// Rounds of exchange: a second one settles what the first one moved.
+const ROUNDS: usize = 2;
+
+/// A rival takes an effect's place when it is better by this share.
+const BETTER: f64 = 0.98;
+
+impl Search<'_> {
+    /// Tries rivals in the place of every found effect, lets better ones in, and returns the rivals that were left.
+    pub(super) fn exchange(&self, node: &mut Node) -> Vec<Vec<Rival>> {
+        let mut rivals = Vec::new();
+        for round in 0..ROUNDS {
+            let mut changed = false;
+            rivals.clear();
+            for k in 0..node.found.len() {
+                let (list, better) = self.rivals(node, k);
+                rivals.push(list);
+                if let Some((found, model)) = better.filter(|_| round + 1 < ROUNDS) {
+                    node.found[k] = found;
+                    node.model = model;
+                    node.held = self.held_out(&self.tuned(&node.model), &node.model);
+                    changed = true;
+                }
+            }
+            if !changed {
+                break;
+            }
+        }
+        rivals
+    }
+
+    /// Rivals of effect `k`, best first, and the best one if it is better than the effect itself.
+    fn rivals(&self, node: &Node, k: usize) -> (Vec<Rival>, Option<(Found, Model)>) {
+        let o = self.tuned(&node.model);
+        let mine = &node.found[k];
+        let mut present = node.model.clone();
+        let reference = self.score(o.polish(&mut present, 3), &mine.candidate);
+        let mut others = node.found.clone();
+        others.remove(k);
+        let mut bare = self.without(&present, &mine.candidate);
+        o.polish(&mut bare, 3);
+        let tries = self.expand(&o, &bare, &others);
+        let mut out: Vec<Rival> = Vec::new();
+        let mut better = None;
+        for t in tries {
+            let c = &self.library[t.candidate];
+            if c.effect == mine.candidate.effect {
+                continue;
+            }
+            let ratio = t.score / reference.max(1e-12);
+            let outside = self.pull(c, &t.model.params) > 3.0;
+            if ratio < BETTER && outside && better.is_none() {
+                let found = Found {
+                    candidate: c.clone(),
+                    gain: mine.gain,
+                };
+                better = Some((found, t.model.clone()));
+            }
+            if outside && out.iter().all(|r| r.effect != c.effect) {
+                out.push(Rival {
+                    effect: c.effect,
+                    cost_ratio: ratio,
+                });
+            }
+        }
+        (out, better)
+    }
+
+    /// Model with only one of the found effects, and model with all but one.
+    #[must_use]
+    pub fn alone_and_removed(
+        &self,
+        found: &[Found],
+        model: &Model,
+        calibrated: &Model,
+    ) -> Vec<(Model, Model)> {
+        let o = self.tuned(model);
+        let mut models = Vec::new();
+        for f in found {
+            let value = |x: &crate::fit::Free| model.params.get(x.p);
+            let values: Vec<f64> = f.candidate.free.iter().map(value).collect();
+            models.push(with(calibrated, &f.candidate, &values));
+            models.push(self.without(model, &f.candidate));
+        }
+        o.polish_all(&mut models, 3);
+        let mut all = models.into_iter();
+        std::iter::from_fn(|| Some((all.next()?, all.next()?))).collect()
+    }
+}
