@@ -331,7 +331,9 @@ fn transport(list: &mut List, problem: &Problem, s: &Scales) {
     // Rounding is no smooth function of its step: a fine grid where the echo does not show the step itself.
     let steps: Vec<f64> = match echoed {
         Some(step) => vec![step / s.range],
-        None => (0..120).map(|k| 0.005 * libm::exp(0.035 * f64::from(k))).collect(),
+        None => (0..120)
+            .map(|k| 0.005 * libm::exp(0.035 * f64::from(k)))
+            .collect(),
     };
     list.one(
         Effect::Quantisation,

@@ -203,7 +203,11 @@ impl Objective<'_> {
         for chunk in sets.chunks(LANES) {
             simulate_lanes(data, chunk, self.problem.dt_s, &mut trace);
             let first = out.len();
-            out.extend(chunk.iter().map(|_| Vec::with_capacity(data.samples.len() * 4)));
+            out.extend(
+                chunk
+                    .iter()
+                    .map(|_| Vec::with_capacity(data.samples.len() * 4)),
+            );
             for (c, weight) in self.weight.iter().enumerate().filter(|(_, w)| **w > 0.0) {
                 let used = |m: f64, on: bool| on && m.is_finite();
                 let n = data
@@ -243,7 +247,10 @@ impl Objective<'_> {
     #[must_use]
     pub fn run_costs_of(&self, sets: &[Params]) -> Vec<Vec<f64>> {
         let one = |run: &usize| -> Vec<f64> {
-            self.residuals(*run, sets).iter().map(|r| dot(r, r)).collect()
+            self.residuals(*run, sets)
+                .iter()
+                .map(|r| dot(r, r))
+                .collect()
         };
         self.runs.par_iter().map(one).collect()
     }
@@ -344,7 +351,10 @@ impl Objective<'_> {
                 }
                 out
             };
-            self.run_columns(*run, models).into_iter().map(one).collect()
+            self.run_columns(*run, models)
+                .into_iter()
+                .map(one)
+                .collect()
         };
         self.runs.par_iter().map(part).collect()
     }
@@ -446,8 +456,11 @@ impl Objective<'_> {
     /// Steps out of small valleys that rounding, play and dry friction make: tries each of `moving` alone at several
     /// distances, as long as that helps, and polishes. Returns the cost with priors.
     pub fn jiggle(&self, model: &mut Model, moving: &[P]) -> f64 {
-        // Relative steps, from a tenth of a percent to an eighth.
-        const STEPS: [f64; 8] = [-0.12, -0.03, -0.008, -0.002, 0.002, 0.008, 0.03, 0.12];
+        // Relative steps, from a hundredth of a percent to a tenth.
+        const STEPS: [f64; 16] = [
+            -0.12, -0.04, -0.012, -0.004, -0.0015, -0.0006, -0.0002, -0.0001, 0.0001, 0.0002,
+            0.0006, 0.0015, 0.004, 0.012, 0.04, 0.12,
+        ];
         let mut best = self.cost(model);
         for _ in 0..3 {
             let before = best;
@@ -638,7 +651,10 @@ impl Objective<'_> {
                 cost += linear.prior[i] * linear.offset[i] * linear.offset[i];
                 *gi += linear.prior[i] * linear.offset[i];
             }
-            let gain = linear.factor.as_ref().map_or(0.0, |l| dot(&solve(l, &g), &g));
+            let gain = linear
+                .factor
+                .as_ref()
+                .map_or(0.0, |l| dot(&solve(l, &g), &g));
             (cost - gain).max(0.0)
         };
         (0..sets.len()).map(one).collect()

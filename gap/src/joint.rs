@@ -13,6 +13,6 @@ pub mod param;
 pub mod sim;
 
 pub use data::{Nominal, Problem, RunData, Sample};
-pub use param::{P, Params};
 pub use lanes::{LANES, simulate_lanes};
+pub use param::{P, Params};
 pub use sim::{Channel, Trace, simulate};

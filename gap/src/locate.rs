@@ -22,7 +22,9 @@ pub fn stage_of(p: P) -> Stage {
     match p {
         Scale | Offset | MechOffset | RecordScale => Stage::Conventions,
         Delay | Skew | Quantum | Echo => Stage::Transport,
-        LoopGain | Damping | SpeedDelay | Deadband | SlewLimit | FeedbackDelay | Lag => Stage::Driver,
+        LoopGain | Damping | SpeedDelay | Deadband | SlewLimit | FeedbackDelay | Lag => {
+            Stage::Driver
+        }
         Motor | Resistance | CurrentLimit | TorqueLimit | DerateTime | DerateShare => {
             Stage::Electrical
         }

@@ -17,9 +17,16 @@ pub fn parameters(problem: &Problem, c: &Candidate, params: &Params) -> Vec<(&'s
             let value = r.map_or(0.0, |r| match c.effect {
                 Effect::PacketLoss => r.lost,
                 // The halfway instants of rows add a spread of their own.
-                _ => (r.spread_s * r.spread_s - r.doubt_s * r.doubt_s / 12.0).max(0.0).sqrt(),
+                _ => (r.spread_s * r.spread_s - r.doubt_s * r.doubt_s / 12.0)
+                    .max(0.0)
+                    .sqrt(),
             });
-            c.effect.parameters().iter().take(1).map(|k| (*k, value)).collect()
+            c.effect
+                .parameters()
+                .iter()
+                .take(1)
+                .map(|k| (*k, value))
+                .collect()
         }
         Effect::SupplyVoltage => vec![("value_v", supply * g(P::Supply))],
         Effect::ClockSkew => vec![("ratio", 1.0 + g(P::Skew))],

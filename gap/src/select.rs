@@ -182,7 +182,9 @@ impl Search<'_> {
     fn taken(&self, model: &Model, found: &[Found], c: &Candidate) -> bool {
         let moves = |p: P| {
             model.free.iter().any(|g| g.p == p && g.tolerance.is_none())
-                || found.iter().any(|f| f.candidate.free.iter().any(|g| g.p == p))
+                || found
+                    .iter()
+                    .any(|f| f.candidate.free.iter().any(|g| g.p == p))
         };
         found.iter().any(|f| f.candidate.effect == c.effect) || c.free.iter().any(|f| moves(f.p))
     }

@@ -56,30 +56,33 @@ fn line(samples: &[Sample], command_t_s: &[f64], command: &[f64], dt_s: f64) -> 
     (slope, (y - slope * x) / n)
 }
 
-/// Which set-points arrived when. Empty where the echo was not measured.
+/// Which set-points arrived when, and how well their values agree (median). Empty where the echo was not measured.
 pub(super) fn arrivals(
     samples: &[Sample],
     command_t_s: &[f64],
     command: &[f64],
     dt_s: f64,
-) -> Vec<Arrival> {
+) -> (Vec<Arrival>, f64) {
     let changes = changes(samples, dt_s);
     if changes.len() < 4 || command.len() < 4 {
-        return Vec::new();
+        return (Vec::new(), f64::INFINITY);
     }
-    let mut map = line(samples, command_t_s, command, dt_s);
-    let mut out = matched(&changes, command_t_s, command, map);
-    // The first line is blurred by delays; matched pairs sharpen it.
-    for _ in 0..3 {
-        let value = |t: f64| changes.iter().find(|c| c.0 == t).map_or(0.0, |c| c.2);
-        let pairs: Vec<(f64, f64)> = out
-            .iter()
-            .map(|a| (command[a.index], value(a.t_s)))
-            .collect();
-        map = middle_line(&pairs, map);
-        out = matched(&changes, command_t_s, command, map);
+    // The same numbers, the other direction, or a line blurred by delays that matched pairs sharpen.
+    let start = line(samples, command_t_s, command, dt_s);
+    let mut best = (Vec::new(), f64::INFINITY);
+    for (mut map, rounds) in [((1.0, 0.0), 1), ((-1.0, 0.0), 1), (start, 4)] {
+        for _ in 0..rounds {
+            let pairs = matched(&changes, command_t_s, command, map);
+            let errors: Vec<f64> = pairs.iter().map(|p| p.1).collect();
+            let error = crate::math::median(&errors);
+            if error < best.1 {
+                best = (pairs.iter().map(|p| p.0).collect(), error);
+            }
+            let values: Vec<(f64, f64)> = pairs.iter().map(|p| (command[p.0.index], p.2)).collect();
+            map = middle_line(&values, map);
+        }
     }
-    out
+    best
 }
 
 /// Least-squares line through the half of the pairs that lies nearest to `map`.
@@ -100,31 +103,32 @@ fn middle_line(pairs: &[(f64, f64)], map: (f64, f64)) -> (f64, f64) {
     (xy / xx, my - xy / xx * mx)
 }
 
-/// Set-points by the echoes they made under the line `map`.
+/// Set-points by the echoes they made under the line `map`: arrival, error of the value, echoed value.
 fn matched(
     changes: &[(f64, f64, f64)],
     command_t_s: &[f64],
     command: &[f64],
     (slope, offset): (f64, f64),
-) -> Vec<Arrival> {
-    let mut out: Vec<Arrival> = Vec::new();
+) -> Vec<(Arrival, f64, f64)> {
+    let mut out: Vec<(Arrival, f64, f64)> = Vec::new();
     for &(t_s, doubt_s, value) in changes {
-        let from = out.last().map_or(0, |a| a.index);
+        let from = out.last().map_or(0, |a| a.0.index);
         // Of the set-points sent since the last one that arrived, the one of nearest value; the latest of equals.
         let fits = (from..command.len())
-            .take_while(|k| command_t_s[*k] <= t_s + doubt_s)
+            .take_while(|k| command_t_s[*k] <= t_s + doubt_s + 1e-6)
             .filter(|k| t_s - command_t_s[*k] < LONGEST_S || *k == from)
             .map(|k| (k, (slope * command[k] + offset - value).abs()));
         let best = fits.fold(None, |b: Option<(usize, f64)>, (k, e)| match b {
             Some((_, least)) if e > least + 1e-5 => b,
             _ => Some((k, e)),
         });
-        if let Some((index, _)) = best {
-            out.push(Arrival {
+        if let Some((index, error)) = best {
+            let arrival = Arrival {
                 t_s,
                 index,
                 doubt_s,
-            });
+            };
+            out.push((arrival, error, value));
         }
     }
     out
@@ -135,7 +139,12 @@ fn matched(
 pub fn lattice(runs: &[RunData]) -> Option<f64> {
     let mut values: Vec<f64> = Vec::new();
     for run in runs {
-        values.extend(run.samples.iter().map(|s| s.measured[6]).filter(|v| v.is_finite()));
+        values.extend(
+            run.samples
+                .iter()
+                .map(|s| s.measured[6])
+                .filter(|v| v.is_finite()),
+        );
     }
     values.sort_by(f64::total_cmp);
     values.dedup_by(|a, b| (*a - *b).abs() < 2e-6);
@@ -168,9 +177,19 @@ pub struct Regularity {
     pub doubt_s: f64,
 }
 
-/// Measures it over runs; `None` without echoes.
+/// Largest disagreement of echoed and sent values, as a share of the set-points' range, at which they count as the same.
+const SAME_VALUE: f64 = 5e-4;
+
+/// Measures it over runs; `None` without echoes, or where the echoes are not the set-points that were sent.
 #[must_use]
 pub fn regularity(runs: &[RunData]) -> Option<Regularity> {
+    let range = |r: &RunData| {
+        let of = |f: fn(f64, f64) -> f64, x: f64| r.command.iter().copied().fold(x, f);
+        of(f64::max, f64::MIN) - of(f64::min, f64::MAX)
+    };
+    if lattice(runs).is_some() || runs.iter().any(|r| r.arrival_error > SAME_VALUE * range(r)) {
+        return None;
+    }
     let (mut delays, mut sent, mut lost, mut doubt) = (Vec::new(), 0.0, 0.0, 0.0_f64);
     for run in runs.iter().filter(|r| r.arrivals.len() > 3) {
         let end = run.arrivals.last().map_or(0, |a| a.index);

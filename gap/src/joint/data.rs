@@ -108,6 +108,8 @@ pub struct RunData {
     pub command: Vec<f64>,
     /// Set-points that arrived, by the driver's echo; empty where it was not measured.
     pub arrivals: Vec<super::arrival::Arrival>,
+    /// Disagreement between echoed and sent set-points, beside one straight line.
+    pub arrival_error: f64,
     /// Rows.
     pub samples: Vec<Sample>,
     /// Enable edges, the first at step 0.
@@ -397,7 +399,8 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
         });
     }
     let steps = samples.last().map_or(0, |s| s.step + 1);
-    let arrivals = super::arrival::arrivals(&samples, &command_t_s, &commands, dt_s);
+    let (arrivals, arrival_error) =
+        super::arrival::arrivals(&samples, &command_t_s, &commands, dt_s);
     mask_edges(&mut samples, &command_t_s, dt_s);
     RunData {
         name: String::new(),
@@ -408,6 +411,7 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
         command_t_s,
         command: commands,
         arrivals,
+        arrival_error,
         samples,
         edges,
         steps,

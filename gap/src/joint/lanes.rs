@@ -179,7 +179,8 @@ fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> {
 
 /// A delay of the speed estimate as weights of the last speeds: a hat between the two nearest steps.
 fn speed_weights(p: &[Params], period_s: f64, dt: f64) -> Vec<F> {
-    let steps = |p: &Params| (p.get(P::SpeedDelay).max(0.0) * period_s / dt).min(SPEEDS as f64 - 1.0);
+    let steps =
+        |p: &Params| (p.get(P::SpeedDelay).max(0.0) * period_s / dt).min(SPEEDS as f64 - 1.0);
     let most = p.iter().map(steps).fold(0.0, f64::max);
     if most <= 0.0 {
         return Vec::new();
@@ -379,8 +380,7 @@ fn mechanics(m: &Model<'_>, s: &mut State, electrical: (F, F), enabled: bool) {
     }
     if m.used.ripple {
         let x = m.ripple[2] * s.q;
-        load += m.ripple[0] * sin(x)
-            + m.ripple[1] * sin(x + F::splat(std::f64::consts::FRAC_PI_2));
+        load += m.ripple[0] * sin(x) + m.ripple[1] * sin(x + F::splat(std::f64::consts::FRAC_PI_2));
     }
     let speed = s.dq;
     let (mut viscous, mut dry) = (m.viscous, m.coulomb);
@@ -424,11 +424,7 @@ fn transmission(m: &Model<'_>, s: &mut State) {
         // The load presses the link to one flank; it crosses when the load turns.
         let full = F::splat(0.05) * m.gravity.abs() + F::splat(1e-300);
         let pressed = clamp(gravity / full, F::splat(-1.0), F::splat(1.0));
-        let loaded = play(
-            s.link,
-            target - m.play * pressed,
-            F::splat(0.2) * m.play,
-        );
+        let loaded = play(s.link, target - m.play * pressed, F::splat(0.2) * m.play);
         let hanging = m.gravity.abs().simd_gt(zero());
         s.link = hanging.select(loaded, play(s.link, target, m.play));
     } else {
