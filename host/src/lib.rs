@@ -17,6 +17,7 @@ pub mod context;
 pub mod failure;
 pub mod faults;
 pub mod gait_file;
+pub mod hybrid;
 pub mod interrupt;
 pub mod link;
 pub mod model_file;

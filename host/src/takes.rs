@@ -1,11 +1,14 @@
 //! Takes: runs on a robot that become runs of a data set, each from a robot at rest in its home pose.
 
 use std::path::Path;
+use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use control::gait::Gait;
 use files::dataset::Role;
+use files::model::Model;
 use optimise::meta::FilmSettings;
+use physics::{Drive, Params, Start, Trial};
 use protocol::link::EndReason;
 
 use crate::context::Context;
@@ -37,6 +40,31 @@ pub struct Take {
     pub rate_hz: u32,
     /// Where to store the gait; `None` = the robot's choice.
     pub slot: Option<u8>,
+    /// Where an emulated robot is put down, beside what its scenario says, m.
+    pub start_m: [f64; 2],
+}
+
+/// Where to put a robot down so that what the model predicts of a gait stays in the middle of the picture, m.
+///
+/// # Errors
+/// Exit code 3 for a model that cannot be simulated.
+pub fn centred_start_m(model: &Model, gait: &Gait) -> Outcome<[f64; 2]> {
+    let bad = |e: anyhow::Error| Failure::new(Exit::BadFile, e);
+    let trial = Trial {
+        params: Arc::new(Params::try_from(model).map_err(|e| bad(e.into()))?),
+        start: Start::Home,
+        drive: Drive::Gait {
+            gait: Arc::new(gait.clone()),
+            noise_rad: 0.0,
+            seed: 0,
+        },
+        duration_s: gait.duration_s().into(),
+    };
+    let outcomes =
+        physics::run(&[trial], &physics::Options::default()).map_err(|e| bad(e.into()))?;
+    let middle = outcomes.first().map(crate::cmd::sim::centring_start_m);
+    // Millimetres are all that a hand can do.
+    Ok(middle.map_or([0.0; 2], |m| m.map(|m| (f64::from(m) * 1e3).round() * 1e-3)))
 }
 
 /// What a take gave.
@@ -96,7 +124,7 @@ pub fn camera_toml(uri: &PortUri) -> Outcome<String> {
 /// # Errors
 /// Exit codes 1, 3, 4, 5, 6, 7.
 pub fn take(context: &Context, uri: &PortUri, set: &SetFolder, take: &Take) -> Outcome<Taken> {
-    let mut robot = connect(context, uri, &take.name)?;
+    let mut robot = connect(context, uri, take)?;
     let options = Options {
         slot: take.slot,
         activate: false,
@@ -130,10 +158,10 @@ pub fn take(context: &Context, uri: &PortUri, set: &SetFolder, take: &Take) -> O
 }
 
 /// A robot at rest: an emulated one is powered anew, with chance named by the take; a real one must have been placed.
-fn connect(context: &Context, uri: &PortUri, name: &str) -> Outcome<Robot> {
+fn connect(context: &Context, uri: &PortUri, take: &Take) -> Outcome<Robot> {
     match uri {
         PortUri::Sim(path) => {
-            let link = SimLink::open_repeat(path.as_deref(), chance(name))?;
+            let link = SimLink::open_repeat(path.as_deref(), chance(&take.name), take.start_m)?;
             context.connect_over(Box::new(link))
         }
         uri => context.connect_to(uri),

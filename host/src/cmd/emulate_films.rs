@@ -71,8 +71,8 @@ pub(super) fn run(args: &FilmsArgs, context: &Context) -> Outcome {
         }
     };
     let uri = PortUri::Sim(Some(scenario.clone()));
-    let nominal = Model::hand_tuned().to_toml();
-    let set = takes::open_set(&args.output, "emulated robot", &nominal, &uri)?;
+    let model = Model::hand_tuned();
+    let set = takes::open_set(&args.output, "emulated robot", &model.to_toml(), &uri)?;
     let known = set.runs()?;
     let bar = context
         .out
@@ -80,9 +80,10 @@ pub(super) fn run(args: &FilmsArgs, context: &Context) -> Outcome {
     let mut rows = Vec::new();
     let (mut kept, mut robot_s) = (0, 0.0);
     for gait in &gaits {
+        let start_m = takes::centred_start_m(&model, gait)?;
         for number in 1..=args.repeat {
             bar.inc(1);
-            let take = plan(args, gait, number);
+            let take = plan(args, gait, number, start_m);
             if known.contains(&take.name) {
                 continue;
             }
@@ -129,7 +130,7 @@ pub(crate) fn draw(folder: &Path, seed: u64) -> Outcome<PathBuf> {
     Ok(path)
 }
 
-fn plan(args: &FilmsArgs, gait: &Gait, number: u32) -> Take {
+fn plan(args: &FilmsArgs, gait: &Gait, number: u32, start_m: [f64; 2]) -> Take {
     let role = match args.training.as_slice() {
         [] => None,
         names if names.iter().any(|name| name == gait.name()) => Some(Role::Fit),
@@ -144,6 +145,7 @@ fn plan(args: &FilmsArgs, gait: &Gait, number: u32) -> Take {
             .unwrap_or_else(|| Duration::from_secs_f32(gait.duration_s())),
         rate_hz: TELEMETRY_HZ,
         slot: None,
+        start_m,
     }
 }
 

@@ -17,6 +17,7 @@ pub mod download;
 pub mod emulate;
 pub mod gait;
 pub mod gap;
+pub mod hybrid;
 pub mod info;
 pub mod list;
 pub mod log;
@@ -80,6 +81,7 @@ commands! {
     Sim => sim,
     Optimise => optimise,
     Model => model,
+    Hybrid => hybrid,
     Gap => gap,
     Bench => bench,
     Completions => completions,
@@ -120,7 +122,7 @@ fn print_bytes(bytes: &[u8]) -> Outcome {
 }
 
 /// Asks a question at a terminal; without one `--yes` is needed.
-fn confirm(context: &Context, question: &str) -> Outcome {
+pub(crate) fn confirm(context: &Context, question: &str) -> Outcome {
     if context.yes {
         return Ok(());
     }

@@ -161,6 +161,7 @@ fn run_takes(
                 .unwrap_or_else(|| Duration::from_secs_f32(gait.duration_s())),
             rate_hz: rate_hz(args, context)?,
             slot: args.slot,
+            start_m: [0.0; 2],
         };
         if !uri.is_sim() {
             let question = format!(

@@ -279,7 +279,7 @@ impl<'a> Writer<'a> {
 }
 
 /// The start that puts the middle of a run's extent under the camera, m.
-fn centring_start_m(outcome: &Outcome) -> [f32; 2] {
+pub(crate) fn centring_start_m(outcome: &Outcome) -> [f32; 2] {
     core::array::from_fn(|axis| {
         let along = outcome.poses.iter().map(|pose| pose.position_m[axis]);
         let (low, high) = along.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), v| {

@@ -123,15 +123,22 @@ impl SimLink {
     /// # Errors
     /// [`LinkError::Scenario`]
     pub fn open(path: Option<&Path>) -> Result<Self, LinkError> {
-        Self::open_repeat(path, 0)
+        Self::open_repeat(path, 0, [0.0; 2])
     }
 
-    /// Starts the emulated robot with other chance: the robot of a repeated trial.
+    /// Starts the emulated robot with other chance, put down this much further along x and y: the robot of a repeated trial.
     ///
     /// # Errors
     /// [`LinkError::Scenario`]
-    pub fn open_repeat(path: Option<&Path>, repeat: u64) -> Result<Self, LinkError> {
-        let robot = robot_of(&load_scenario(path)?.repeat(repeat))?;
+    pub fn open_repeat(
+        path: Option<&Path>,
+        repeat: u64,
+        further_m: [f64; 2],
+    ) -> Result<Self, LinkError> {
+        let mut scenario = load_scenario(path)?.repeat(repeat);
+        scenario.start.place.x_m += further_m[0];
+        scenario.start.place.y_m += further_m[1];
+        let robot = robot_of(&scenario)?;
         let line = robot.link();
         Ok(Self {
             uri: PortUri::Sim(path.map(Path::to_owned)),

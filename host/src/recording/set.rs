@@ -176,6 +176,35 @@ impl SetFolder {
         Ok(laid)
     }
 
+    /// Takes all runs of a gait out of the set; their recordings stay.
+    ///
+    /// # Errors
+    /// Exit code 1 when the disk refuses.
+    pub fn remove_gait(&self, gait: &str) -> Outcome {
+        const RUN: &str = "\n[[run]]\n";
+        if !self.manifest_path().exists() {
+            return Ok(());
+        }
+        let text = self.manifest_text()?;
+        let mut blocks = text.split(RUN);
+        let mut kept = blocks.next().unwrap_or_default().to_owned();
+        let line = format!("gait = {}", quoted(gait));
+        let mut runs = 0;
+        for block in blocks {
+            if block.lines().any(|l| l == line) {
+                continue;
+            }
+            runs += 1;
+            kept.push_str(RUN);
+            kept.push_str(block);
+        }
+        if runs == 0 {
+            // Without a run it is no data set: back to its beginning.
+            return Ok(std::fs::remove_file(self.manifest_path())?);
+        }
+        self.write(MANIFEST, kept.as_bytes())
+    }
+
     /// CSV and film of a run from its recording and what was seen.
     fn write_run(&self, run: &str, seen: Option<Seen>) -> Outcome<Option<Laid>> {
         let path = self.recording_path(run);

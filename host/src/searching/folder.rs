@@ -41,6 +41,14 @@ impl Folder {
         Ok(folder)
     }
 
+    /// A folder without a checkpoint, for its atomic writes.
+    #[must_use]
+    pub fn at(path: &Path) -> Self {
+        Self {
+            path: path.to_owned(),
+        }
+    }
+
     /// A path inside the folder.
     #[must_use]
     pub fn join(&self, name: &str) -> PathBuf {

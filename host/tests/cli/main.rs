@@ -6,6 +6,7 @@ mod commands;
 mod docs;
 mod dropout;
 mod filmed;
+mod hybrid;
 mod matching;
 mod model;
 mod python;

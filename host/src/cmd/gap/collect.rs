@@ -155,6 +155,7 @@ fn record(
         duration: Duration::from_secs_f64(item.duration_s),
         rate_hz: 100,
         slot,
+        start_m: [0.0; 2],
     };
     let taken = takes::take(context, uri, set, &take)?;
     context.out.say(takes::line(&take, &taken));
