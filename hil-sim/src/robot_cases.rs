@@ -67,7 +67,7 @@ pub struct Plan {
     pub seed: u64,
     /// Causes.
     pub planted: Vec<Planted>,
-    /// Whether a camera films the first repeat of each gait.
+    /// Whether a camera films the runs.
     pub filmed: bool,
     /// Length of a run, s.
     pub duration_s: f64,
@@ -214,7 +214,7 @@ pub fn case(plan: &Plan, gaits: &[Gait]) -> Result<Case, RobotCaseError> {
                 format!("{name}.csv"),
                 write::csv(&track, &mut noise).into_bytes(),
             ));
-            if plan.filmed && repeat == 0 {
+            if plan.filmed {
                 files.extend(write::film(&truth.camera, &track, &name, &mut noise));
             }
         }

@@ -58,7 +58,7 @@ pub(super) fn manifest(plan: &Plan, gaits: &[Gait]) -> String {
                 "\n[[run]]\nfile = \"{name}.csv\"\ngait = \"{}\"\n",
                 gait.name()
             );
-            if plan.filmed && repeat == 0 {
+            if plan.filmed {
                 let _ = writeln!(s, "frames = \"{name}_film\"");
             }
         }

@@ -7,6 +7,7 @@ mod docs;
 mod dropout;
 mod filmed;
 mod hybrid;
+mod gap_data;
 mod matching;
 mod model;
 mod python;
