@@ -225,6 +225,9 @@ pub fn diagnose_watched(
         prior_weight: 0.0,
         robust: floor.repeat.is_some(),
     };
+    let unfitted: Vec<P> = (free.iter().filter(|f| f.tolerance.is_none()))
+        .map(|f| f.p)
+        .collect();
     let (nominal, calibrated) = match settings.baseline {
         Some(params) => (
             params,
@@ -238,6 +241,10 @@ pub fn diagnose_watched(
     let scales = candidates::scales(&problem, &calibrated.params);
     let mut library = candidates::library(&problem, &scales);
     library.retain(|c| !settings.withhold.contains(&c.effect));
+    if settings.baseline.is_some() {
+        // What the data set leaves unknown was fitted by the baseline; it is no effect then, as it would be none without one.
+        library.retain(|c| c.free.iter().all(|f| !unfitted.contains(&f.p)));
+    }
     let options = Options {
         thorough: unknown && settings.baseline.is_none(),
         ..settings.options

@@ -13,12 +13,30 @@ fn collect_tells_the_time_records_and_goes_on_where_it_stopped() {
     assert!(dry.json()["robot_time_s"].as_f64().unwrap() > 3.0 * 30.0 + 600.0 + 6.0 * 47.0);
     assert!(dry.err.contains("robot time"), "{}", dry.err);
     assert!(!folder.path("set").exists());
-    let short = ["-o", "set", "-d", "1s", "--warm", "0s", "--no-joints", "--repeat"];
+    let short = [
+        "-o",
+        "set",
+        "-d",
+        "1s",
+        "--warm",
+        "0s",
+        "--no-joints",
+        "--repeat",
+    ];
     let first = call(&[&short[..], &["1"]].concat()).json();
-    assert_eq!((first["recorded_now"].as_u64(), first["missing"].as_u64()), (Some(1), Some(0)));
+    assert_eq!(
+        (first["recorded_now"].as_u64(), first["missing"].as_u64()),
+        (Some(1), Some(0))
+    );
     let more = call(&[&short[..], &["2"]].concat()).json();
-    assert_eq!(more["recorded_now"].as_u64(), Some(1), "the first one is not made again");
-    let checked = rb(&folder, &["--json", "rec", "check", "set"]).expect(0).json();
+    assert_eq!(
+        more["recorded_now"].as_u64(),
+        Some(1),
+        "the first one is not made again"
+    );
+    let checked = rb(&folder, &["--json", "rec", "check", "set"])
+        .expect(0)
+        .json();
     assert_eq!(checked["runs"].as_u64(), Some(2));
     // A data set may name the recordings themselves.
     let manifest = "format = 1\nrobot = \"metamodule\"\n[[run]]\nfile = \"crawl_0.mcap\"\n[[run]]\nfile = \"crawl_1.mcap#1\"\n";
@@ -36,23 +54,57 @@ fn collect_tells_the_time_records_and_goes_on_where_it_stopped() {
 fn a_case_by_name_is_a_data_set_with_its_label() {
     let folder = Folder::new("case");
     let args = [
-        "--json", "gap", "blind", "--make-case", "coulomb_friction@2:0.5", "--gaits", "1", "-o", "case",
+        "--json",
+        "gap",
+        "blind",
+        "--make-case",
+        "coulomb_friction@2:0.5",
+        "--gaits",
+        "1",
+        "-o",
+        "case",
     ];
     let label = rb(&folder, &args).expect(0).json();
     assert_eq!(label["planted"][0]["joint"].as_u64(), Some(2));
-    assert_eq!(label["planted"][0]["parameters"]["torque_nm"].as_f64(), Some(0.5));
-    let checked = rb(&folder, &["--json", "rec", "check", "case"]).expect(0).json();
+    assert_eq!(
+        label["planted"][0]["parameters"]["torque_nm"].as_f64(),
+        Some(0.5)
+    );
+    let checked = rb(&folder, &["--json", "rec", "check", "case"])
+        .expect(0)
+        .json();
     assert_eq!(checked["runs"].as_u64(), Some(3));
-    let refused = rb(&folder, &["gap", "blind", "--make-case", "coulomb_friction:0.5", "-o", "x"]);
+    let refused = rb(
+        &folder,
+        &[
+            "gap",
+            "blind",
+            "--make-case",
+            "coulomb_friction:0.5",
+            "-o",
+            "x",
+        ],
+    );
     assert_eq!(refused.code, 2);
     assert!(refused.err.contains("effect@JOINT"), "{}", refused.err);
-    let refused = rb(&folder, &["gap", "blind", "--make-case", "warp@1", "-o", "x"]);
-    assert!(refused.code == 2 && refused.err.contains("no effect `warp`"), "{}", refused.err);
+    let refused = rb(
+        &folder,
+        &["gap", "blind", "--make-case", "warp@1", "-o", "x"],
+    );
+    assert!(
+        refused.code == 2 && refused.err.contains("no effect `warp`"),
+        "{}",
+        refused.err
+    );
 }
 
 #[test]
 fn grafts_without_recordings_are_skipped_loudly() {
     let folder = Folder::new("graft");
     let done = rb(&folder, &["gap", "graft", "nowhere", "-o", "out"]).expect(0);
-    assert!(done.err.contains("SKIPPED: no data set at nowhere"), "{}", done.err);
+    assert!(
+        done.err.contains("SKIPPED: no data set at nowhere"),
+        "{}",
+        done.err
+    );
 }

@@ -42,6 +42,9 @@ pub(super) struct Args {
     /// Gaits of a whole-robot case, 1 to 17
     #[arg(long, default_value_t = 17)]
     gaits: usize,
+    /// Gait files for --make-case instead of the shipped ones
+    #[arg(long, value_name = "FILE", num_args = 1.., requires = "make_case")]
+    gait: Vec<PathBuf>,
     /// Add silhouettes to the case of --make-case
     #[arg(long)]
     filmed: bool,
@@ -107,8 +110,14 @@ pub(super) fn each(count: usize, jobs: usize, work: impl Fn(usize) -> Outcome + 
 
 pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     if let Some(causes) = &args.make_case {
-        let (gaits, seed, filmed) = (args.gaits, args.seed, args.filmed);
-        return blind_whole::make_case(causes, gaits, seed, filmed, &args.output, context);
+        let gaits = if args.gait.is_empty() {
+            super::shipped::gaits(args.gaits)?
+        } else {
+            let load = |p: &PathBuf| crate::gait_file::load(p);
+            args.gait.iter().map(load).collect::<Outcome<Vec<_>>>()?
+        };
+        let (seed, filmed) = (args.seed, args.filmed);
+        return blind_whole::make_case(causes, &gaits, seed, filmed, &args.output, context);
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = if args.jobs == 0 { cores } else { args.jobs };

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use control::gait::Gait;
 use hil_sim::robot_cases::{self, Case, Label, Plan, Planted, RobotCaseError};
 use serde_json::{Value, json};
 
@@ -52,9 +53,8 @@ fn parse_one(text: &str, seed: u64) -> Outcome<Planted> {
 }
 
 /// Writes the case's folder and returns its label.
-pub(super) fn write_case(plan: &Plan, gaits: usize, folder: &Path) -> Outcome<Label> {
-    let gaits = shipped::gaits(gaits)?;
-    let case = robot_cases::case(plan, &gaits).map_err(refused)?;
+pub(super) fn write_case(plan: &Plan, gaits: &[Gait], folder: &Path) -> Outcome<Label> {
+    let case = robot_cases::case(plan, gaits).map_err(refused)?;
     write_files(&case, folder)?;
     Ok(case.label)
 }
@@ -98,7 +98,7 @@ pub(super) fn label_json(label: &Label) -> Value {
 /// `--make-case`: one data set folder whose causes everybody may know; the label stands in it.
 pub(super) fn make_case(
     causes: &str,
-    gaits: usize,
+    gaits: &[Gait],
     seed: u64,
     filmed: bool,
     folder: &Path,
@@ -170,7 +170,8 @@ impl Places {
             return Ok(());
         }
         let plan = robot_cases::plan(seed, index);
-        let label = write_case(&plan, gaits, &self.cases.join(Self::name(index)))?;
+        let gaits = shipped::gaits(gaits)?;
+        let label = write_case(&plan, &gaits, &self.cases.join(Self::name(index)))?;
         // The label comes last: a case with a label is complete.
         blind::write(&path, &format!("{}\n", label_json(&label)))
     }

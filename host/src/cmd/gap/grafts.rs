@@ -29,17 +29,20 @@ pub(super) enum Graft {
     Loss(f64),
 }
 
+/// Kinds of grafts, the two without effect among them.
+pub(super) const KINDS: usize = 8;
+
 /// Draws the graft of case `case`: one in four without effect, the others in turn, sizes log-uniform.
 pub(super) fn draw(rng: &mut Rng, case: usize) -> Graft {
     let mut between = |low, high| log_uniform(rng, low, high);
-    match case % 8 {
+    match case % KINDS {
         0 => Graft::Latency(between(0.015, 0.12)),
         1 => Graft::Offset(between(0.01, 0.2)),
         2 => Graft::Scale(1.0 + between(0.015, 0.2)),
         3 => Graft::None,
         4 => Graft::Clock(1.0 + between(0.002, 0.02)),
         5 => Graft::Stamp(between(0.015, 0.12)),
-        6 if case % 16 == 6 => Graft::Sign,
+        6 if case % (2 * KINDS) == 6 => Graft::Sign,
         6 => Graft::Jitter(between(0.03, 0.1)),
         _ => Graft::Loss(between(0.1, 0.5)),
     }
@@ -142,6 +145,24 @@ pub(super) fn csv(
     out
 }
 
+/// Sum of squares and count of the difference between applied and listed set-points at the rows of a recording.
+pub(super) fn change(recording: &Recording, graft: Graft, longest_s: f64) -> (f64, f64) {
+    let applied = events(recording, Graft::None, &mut Rng::new(0, 0, 0));
+    let listed = events(recording, graft, &mut Rng::new(0, 0, 0));
+    let late = if let Graft::Stamp(s) = graft { s } else { 0.0 };
+    let held = |of: &[(f64, f64)], t: f64| {
+        let next = of.partition_point(|e| e.0 <= t);
+        of.get(next.saturating_sub(1)).map_or(0.0, |e| e.1)
+    };
+    let begin = recording.t_s().first().copied().unwrap_or(0.0);
+    let mut sum = (0.0, 0.0);
+    for t in recording.t_s().iter().filter(|t| **t - begin <= longest_s) {
+        let d = held(&applied, *t) - held(&listed, t + late);
+        sum = (sum.0 + d * d, sum.1 + 1.0);
+    }
+    sum
+}
+
 /// What a column is to a graft.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
@@ -206,4 +227,101 @@ fn line(out: &mut String, t_s: f64, columns: &[Column<'_>], value: impl Fn(Kind,
         }
     }
     out.push('\n');
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use files::dataset::Manifest;
+
+    /// Ten rows at 10 ms; the set-point steps by 0.1 rad every 30 ms, the position is a ramp.
+    fn recording() -> (Manifest, Recording) {
+        let text = "format = 1\nrobot = \"bench\"\n[[run]]\nfile = \"a.csv\"\n";
+        let (manifest, _) = Manifest::parse("dataset.toml", text).expect("valid");
+        let mut csv = String::from("t_s,setpoint_rad,position_rad\n");
+        for k in 0..10 {
+            csv.push_str(&format!(
+                "{:.2},{:.1},{:.3}\n",
+                f64::from(k) * 0.01,
+                0.1 * f64::from(k / 3),
+                0.005 * f64::from(k)
+            ));
+        }
+        let (recording, _) = Recording::parse("a.csv", &csv, &manifest).expect("valid");
+        (manifest, recording)
+    }
+
+    fn grafted(graft: Graft) -> Recording {
+        let (manifest, recording) = recording();
+        let text = csv(&recording, Motion::Rotary, graft, 10.0, 1);
+        Recording::parse("a.csv", &text, &manifest)
+            .expect("a recording still")
+            .0
+    }
+
+    fn column(r: &Recording, signal: Signal) -> &[f64] {
+        r.joint(0).and_then(|j| j.get(signal)).expect("there")
+    }
+
+    /// Set-point in force at `t_s`.
+    fn held(r: &Recording, t_s: f64) -> f64 {
+        let at = r
+            .t_s()
+            .iter()
+            .rposition(|t| *t <= t_s + 1e-9)
+            .expect("later than the start");
+        column(r, Signal::Setpoint)[at]
+    }
+
+    #[test]
+    fn no_graft_changes_nothing() {
+        let (_, plain) = recording();
+        let same = grafted(Graft::None);
+        assert_eq!(same.t_s(), plain.t_s());
+        assert_eq!(
+            column(&same, Signal::Setpoint),
+            column(&plain, Signal::Setpoint)
+        );
+        assert_eq!(
+            column(&same, Signal::Position),
+            column(&plain, Signal::Position)
+        );
+        assert_eq!(change(&plain, Graft::None, 10.0).0, 0.0);
+    }
+
+    #[test]
+    fn each_graft_is_the_fault_it_says() {
+        // Applied at 30 ms, listed 4 ms before: a robot that takes 4 ms.
+        let late = grafted(Graft::Latency(0.004));
+        assert!(held(&late, 0.0255) < 0.05 && (held(&late, 0.0265) - 0.1).abs() < 1e-9);
+        assert_eq!(
+            column(&late, Signal::Position)
+                .iter()
+                .filter(|x| !x.is_nan())
+                .count(),
+            10
+        );
+        // Readings 4 ms late: the same in another clock.
+        let stamp = grafted(Graft::Stamp(0.004));
+        let row = stamp
+            .t_s()
+            .iter()
+            .position(|t| (*t - 0.034).abs() < 1e-9)
+            .expect("shifted");
+        assert!((column(&stamp, Signal::Position)[row] - 0.015).abs() < 1e-9);
+        assert!((held(&stamp, 0.0305) - 0.1).abs() < 1e-9);
+        // The drive adds 0.2 to what is listed, doubles it, mirrors it.
+        assert!((held(&grafted(Graft::Offset(0.2)), 0.03) + 0.1).abs() < 1e-9);
+        assert!((held(&grafted(Graft::Scale(2.0)), 0.03) - 0.05).abs() < 1e-9);
+        assert!((held(&grafted(Graft::Sign), 0.03) + 0.1).abs() < 1e-9);
+        // A robot whose clock runs at 1.1 reaches the set-point of 33 ms at 30 ms.
+        let clock = grafted(Graft::Clock(1.1));
+        assert!(held(&clock, 0.032) < 0.05 && (held(&clock, 0.0335) - 0.1).abs() < 1e-9);
+        let lost = grafted(Graft::Loss(0.5));
+        let missing = column(&lost, Signal::Position)
+            .iter()
+            .filter(|x| x.is_nan())
+            .count();
+        assert!((2..9).contains(&missing), "{missing}");
+    }
 }
