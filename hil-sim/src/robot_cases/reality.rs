@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use files::model::{Effect, Key, Model};
+use files::model::{Effect, Key, Model, Parameter};
 use physics::Params;
 
 use super::drive::{Convention, DriveParams, ServoParams};
@@ -36,6 +36,16 @@ pub(super) fn stated_model() -> Model {
         let known = model.set_parameter(*key, p);
         debug_assert!(known.is_ok());
     }
+    // Films here are on the robot's clock.
+    let known = model.set_parameter(
+        Key::CameraTimeShift,
+        Parameter {
+            value: 0.0,
+            tolerance: 0.01,
+            source: "one clock".to_owned(),
+        },
+    );
+    debug_assert!(known.is_ok());
     model.set_name("stated model of a blind case");
     model
 }
