@@ -225,7 +225,7 @@ pub fn diagnose_watched(
         prior_weight: 0.0,
         robust: floor.repeat.is_some(),
     };
-    let unfitted: Vec<P> = (free.iter().filter(|f| f.tolerance.is_none()))
+    let unfitted: Vec<crate::joint::P> = (free.iter().filter(|f| f.tolerance.is_none()))
         .map(|f| f.p)
         .collect();
     let (nominal, calibrated) = match settings.baseline {
