@@ -14,5 +14,6 @@ pub mod report;
 pub mod select;
 pub mod verdict;
 pub mod vocabulary;
+pub mod whole;
 
 pub use diagnose::{Diagnosis, Settings, diagnose, diagnose_watched};

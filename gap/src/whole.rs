@@ -1,0 +1,167 @@
+//! The whole robot: six joints, body, camera, from recordings to verdict.
+//!
+//! Three tiers, each cut out of the loop by measured signals: every joint alone against loads replayed from the measured motion
+//! ([`joints`]), the body in short windows led along the measured angles ([`body`]), the camera against the measured pose.
+
+mod answer;
+mod body;
+mod conventions;
+pub mod data;
+mod found;
+mod joints;
+mod score;
+mod search;
+mod servo;
+mod windows;
+
+use std::sync::Arc;
+
+use files::dataset::{Manifest, Recording, Role};
+use files::model::{Key, Model};
+use physics::{Params, ParamsError};
+use rayon::prelude::*;
+
+use crate::verdict::Verdict;
+use crate::vocabulary::Effect;
+use conventions::Conventions;
+use data::{Data, JOINTS};
+use joints::{Found, Tier};
+use score::Score;
+
+/// Settings of a diagnosis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Seed of the bootstraps.
+    pub seed: u64,
+    /// Effects the library must not contain (leave-one-out checks).
+    pub withhold: Vec<Effect>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            withhold: Vec::new(),
+        }
+    }
+}
+
+/// Why a data set cannot be diagnosed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum WholeError {
+    /// Neither joints nor base can be compared.
+    #[error(
+        "no run has set-points and positions of a joint, and none has all six positions and the base pose; record setpoint_rad_k and position_rad_k"
+    )]
+    Nothing,
+    /// The nominal model cannot be simulated.
+    #[error("the nominal model: {0}")]
+    Model(#[from] ParamsError),
+}
+
+/// Runs that are fitted, runs that are scored, and how they were chosen.
+fn split(data: &Data) -> (Vec<usize>, Vec<usize>, String) {
+    let usable: Vec<usize> = (0..data.runs.len())
+        .filter(|r| data.runs[*r].joints.iter().any(|j| j.position.is_some()))
+        .collect();
+    let check = |r: &usize| data.runs[*r].role == Some(Role::Check);
+    if usable.iter().any(check) && !usable.iter().all(check) {
+        let (score, fit) = usable.into_iter().partition(check);
+        return (fit, score, "roles of the data set".into());
+    }
+    let mut gaits: Vec<usize> = usable.iter().map(|r| data.runs[*r].gait).collect();
+    gaits.sort_unstable();
+    gaits.dedup();
+    if gaits.len() < 3 {
+        return (
+            usable.clone(),
+            usable,
+            "nothing held out: fewer than three gaits".into(),
+        );
+    }
+    // Every third gait is held out, beginning with the third.
+    let held = |r: &usize| gaits.iter().position(|g| *g == data.runs[*r].gait).is_some_and(|i| i % 3 == 2);
+    let (score, fit) = usable.into_iter().partition(held);
+    (fit, score, "every third gait held out".into())
+}
+
+/// A diagnosis.
+pub struct Diagnosis {
+    parts: Parts,
+    verdict: Verdict,
+}
+
+/// Everything found, before it is put into words.
+struct Parts {
+    data: Data,
+    conventions: Conventions,
+    split: String,
+    joints: Vec<Found>,
+    body: Option<body::Found>,
+    /// Friction of the nominal ground.
+    friction: f64,
+}
+
+impl Diagnosis {
+    /// The verdict.
+    #[must_use]
+    pub fn verdict(&self) -> &Verdict {
+        &self.verdict
+    }
+
+    /// The verdict, to add provenance.
+    pub fn verdict_mut(&mut self) -> &mut Verdict {
+        &mut self.verdict
+    }
+}
+
+/// Diagnoses a whole robot.
+///
+/// # Errors
+/// When nothing can be compared, or the nominal model cannot be simulated.
+pub fn diagnose(
+    manifest: &Manifest,
+    recordings: &[Recording],
+    model: &Model,
+    settings: &Settings,
+) -> Result<Diagnosis, WholeError> {
+    let data = Data::new(manifest, recordings);
+    let (fit_runs, score_runs, split) = split(&data);
+    if fit_runs.is_empty() {
+        return Err(WholeError::Nothing);
+    }
+    let conventions = conventions::find(&data);
+    let params = Arc::new(Params::try_from(model)?);
+    let body = body::Tier::new(&data, model, &params, &fit_runs)
+        .map(|tier| body::diagnose(tier, &settings.withhold));
+    // Loads on the joints come from the body as it was found to be.
+    let found = body.as_ref().map(|b| Arc::new(b.tier.params(&b.answer.last().theta)));
+    let mut replayed = windows::cut(&data, 1.0, 0.9);
+    let loads = windows::replay(&data, &mut replayed, found.as_ref().unwrap_or(&params), servo::STEP_S);
+    let joints: Vec<Found> = (0..JOINTS)
+        .into_par_iter()
+        .filter_map(|k| {
+            let tier = Tier::new(&data, model, k, &fit_runs, &conventions, &loads)?;
+            Some(joints::diagnose(tier, model, &conventions, &settings.withhold))
+        })
+        .collect();
+    if joints.is_empty() && body.is_none() {
+        return Err(WholeError::Nothing);
+    }
+    let mut scored = body::Tier::new(&data, model, &params, &score_runs);
+    if let (Some(s), Some(b)) = (&mut scored, &body) {
+        s.adopt(&b.tier);
+    }
+    let score = Score::new(&data, &joints, scored.filter(|_| body.is_some()), &score_runs, &conventions, &loads);
+    let parts = Parts {
+        body,
+        data,
+        conventions,
+        split,
+        joints,
+        friction: model.value(Key::Friction),
+    };
+    let verdict = answer::verdict(&parts, &score, settings);
+    Ok(Diagnosis { parts, verdict })
+}

@@ -1,0 +1,319 @@
+//! What was found, under the shared names: effects with joints, parameters and rivals.
+
+use std::collections::BTreeMap;
+
+use super::answer::{MARGIN, permutation};
+use super::body::{self, B};
+use super::search::{Answer, Fit};
+use super::servo::{J, Nominal};
+use super::{Parts, Settings};
+use crate::verdict::{Ambiguous, Estimate, NextExperiment, Unseen, Word};
+use crate::vocabulary::Effect;
+
+/// Where an item lives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Place {
+    /// Joint (by position in the list of joints found) and member of its last step.
+    Joint(usize, usize),
+    /// Member of the body's last step.
+    Body(usize),
+    /// Order or sign, found before the fits.
+    Convention,
+    /// Follows from several fits.
+    Derived,
+}
+
+/// A rival.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Rival {
+    pub(super) effect: Effect,
+    pub(super) joint: Option<usize>,
+    /// Standard deviations by which it explains less.
+    pub(super) margin: f64,
+}
+
+/// An effect found.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Item {
+    pub(super) effect: Effect,
+    pub(super) joint: Option<usize>,
+    pub(super) parameters: BTreeMap<String, Estimate>,
+    /// Cost that the model loses without it, squared tolerances per sample.
+    pub(super) gain: f64,
+    pub(super) rivals: Vec<Rival>,
+    pub(super) place: Place,
+    pub(super) plausible: bool,
+}
+
+impl Item {
+    /// Weight against its rivals.
+    pub(super) fn certainty(&self) -> f64 {
+        let rest: f64 = self.rivals.iter().map(|r| libm::exp(-0.5 * r.margin * r.margin)).sum();
+        1.0 / (1.0 + rest)
+    }
+}
+
+/// Takes signs found by the conventions out of the nominal coordinates.
+pub(super) fn unsigned(theta: &mut [f64]) {
+    theta[J::Scale as usize] = 1.0;
+}
+
+/// A number of an effect from coordinates.
+type Convert<'a> = Box<dyn Fn(&[f64]) -> f64 + 'a>;
+
+fn joint_parameters<'a>(effect: Effect, free: &[usize], n: &'a Nominal) -> Vec<(&'static str, Convert<'a>)> {
+    let get = |j: J| -> Convert<'a> { Box::new(move |t: &[f64]| t[j as usize]) };
+    let slew = free.contains(&(J::Slew as usize));
+    let hard = free.contains(&(J::DeadHard as usize));
+    match effect {
+        Effect::JointScale => vec![("ratio", get(J::Scale))],
+        Effect::JointOffset => vec![("offset_rad", get(J::Offset))],
+        Effect::Latency => vec![("delay_s", get(J::Delay))],
+        Effect::ClockSkew => vec![("ratio", get(J::Skew))],
+        Effect::Quantisation => vec![("step_rad", get(J::Quantum))],
+        Effect::LoopGain => vec![("ratio", get(J::Gain))],
+        Effect::Deadband => vec![("half_width_rad", get(if hard { J::DeadHard } else { J::DeadSoft }))],
+        Effect::VelocityLimit if slew => vec![("limit_rad_s", get(J::Slew))],
+        Effect::VelocityLimit => {
+            vec![("limit_rad_s", Box::new(|t: &[f64]| t[J::MaxSpeed as usize] * n.max_speed_rad_s))]
+        }
+        Effect::FeedbackDelay => vec![("delay_s", get(J::FeedbackDelay))],
+        Effect::MotorLag => vec![("time_constant_s", get(J::Lag))],
+        Effect::TorqueLimit => {
+            vec![("limit_nm", Box::new(|t: &[f64]| t[J::MaxTorque as usize] * n.max_torque_nm))]
+        }
+        Effect::MotorConstant => vec![("ratio", get(J::PerAmpere))],
+        Effect::CoulombFriction => vec![("torque_nm", get(J::Coulomb))],
+        Effect::ViscousFriction => vec![("nm_s_rad", get(J::Viscous))],
+        Effect::StribeckFriction => vec![("static_nm", get(J::Static)), ("velocity_rad_s", get(J::StribeckSpeed))],
+        Effect::LoadDependentFriction => vec![("fraction", get(J::LoadShare))],
+        Effect::AsymmetricFriction => {
+            vec![("difference_nm", get(J::Asymmetry)), ("difference_nm_s_rad", get(J::AsymmetryViscous))]
+        }
+        Effect::QuadraticFriction => vec![("nm_s2_rad2", get(J::Quadratic))],
+        Effect::TorqueRipple => vec![
+            ("amplitude_nm", Box::new(|t: &[f64]| t[J::RippleSin as usize].hypot(t[J::RippleCos as usize]))),
+            ("periods", get(J::RipplePeriods)),
+            (
+                "phase_rad",
+                Box::new(|t: &[f64]| libm::atan2(t[J::RippleCos as usize], t[J::RippleSin as usize])),
+            ),
+        ],
+        Effect::Backlash => vec![("half_width_rad", get(J::Play))],
+        Effect::Compliance => vec![("stiffness_nm_rad", Box::new(|t: &[f64]| 1.0 / t[J::Flex as usize].max(1e-9)))],
+        _ => Vec::new(),
+    }
+}
+
+fn body_parameters(effect: Effect, joint: Option<usize>, mu: f64) -> Vec<(&'static str, Convert<'static>)> {
+    let get = |b: B| -> Convert<'static> { Box::new(move |t: &[f64]| t[b as usize]) };
+    let inverse = |i: usize| -> Convert<'static> { Box::new(move |t: &[f64]| 1.0 / t[i].max(1e-9)) };
+    let k = joint.unwrap_or(0);
+    let plain = |what: usize| -> Convert<'static> { Box::new(move |t: &[f64]| t[body::of_joint(k, what)]) };
+    match effect {
+        Effect::GroundFriction => vec![("coefficient", Box::new(move |t: &[f64]| mu * t[B::Friction as usize]))],
+        Effect::Restitution => vec![("coefficient", get(B::Bounce))],
+        Effect::FrictionAnisotropy => vec![
+            (
+                "ratio",
+                Box::new(|t: &[f64]| libm::exp(t[B::AnisotropyCos as usize].hypot(t[B::AnisotropySin as usize]))),
+            ),
+            (
+                "direction_rad",
+                Box::new(|t: &[f64]| 0.5 * libm::atan2(t[B::AnisotropySin as usize], t[B::AnisotropyCos as usize])),
+            ),
+        ],
+        Effect::TorsionalFriction => vec![("coefficient_m", get(B::Torsion))],
+        Effect::GroundSlope => vec![("roll_rad", get(B::Roll)), ("pitch_rad", get(B::Pitch))],
+        Effect::GroundCompliance => {
+            vec![("stiffness_n_m", inverse(B::GroundGive as usize)), ("damping_n_s_m", get(B::GroundDamping))]
+        }
+        Effect::ComOffset => vec![("x_m", get(B::ComX)), ("y_m", get(B::ComY)), ("z_m", get(B::ComZ))],
+        Effect::ConnectorCompliance => vec![("stiffness_nm_rad", inverse(B::ConnectorGive as usize))],
+        Effect::ConnectorPlay => vec![("half_width_rad", get(B::ConnectorPlay))],
+        Effect::JointOffset => vec![("offset_rad", plain(body::OFFSET))],
+        Effect::JointScale => vec![("ratio", plain(body::RATIO))],
+        Effect::Backlash => vec![("half_width_rad", plain(body::PLAY))],
+        Effect::Compliance => vec![("stiffness_nm_rad", inverse(body::of_joint(k, body::FLEX)))],
+        _ => Vec::new(),
+    }
+}
+
+/// Values with intervals: each number moved by every free coordinate's deviation.
+fn estimates(parameters: &[(&'static str, Convert<'_>)], free: &[usize], fit: &Fit) -> BTreeMap<String, Estimate> {
+    let one = |(key, f): &(&'static str, Convert<'_>)| {
+        let value = f(&fit.theta);
+        let mut square = 0.0;
+        for i in free {
+            let mut t = fit.theta.clone();
+            t[*i] += fit.deviation[*i];
+            let up = f(&t) - value;
+            t[*i] = fit.theta[*i] - fit.deviation[*i];
+            let down = value - f(&t);
+            let half = 0.5 * (up + down);
+            square += half * half;
+        }
+        let half = 1.96 * square.sqrt();
+        ((*key).to_string(), Estimate { value, ci95: [value - half, value + half] })
+    };
+    parameters.iter().map(one).collect()
+}
+
+/// Standard deviations that a rival is worse: likelihood ratio of two fits to errors of unknown size.
+fn margin(ratio: f64, independent: f64) -> f64 {
+    (independent * libm::log(ratio.max(1.0))).sqrt()
+}
+
+fn members(a: &Answer, place: impl Fn(usize) -> Place, convert: impl Fn(&super::search::Candidate) -> BTreeMap<String, Estimate>) -> Vec<Item> {
+    let last = a.last();
+    let one = |(m, c): (usize, &usize)| {
+        let candidate = &a.candidates[*c];
+        let mut rivals: Vec<Rival> = Vec::new();
+        for r in &a.rivals[m] {
+            let x = &a.candidates[r.candidate];
+            if rivals.iter().all(|k| (k.effect, k.joint) != (x.effect, x.joint)) {
+                rivals.push(Rival {
+                    effect: x.effect,
+                    joint: x.joint,
+                    margin: margin(r.ratio, a.limits.independent),
+                });
+            }
+        }
+        Item {
+            effect: candidate.effect,
+            joint: candidate.joint,
+            parameters: convert(candidate),
+            gain: a.removed_alone[m].0.cost - last.cost,
+            rivals,
+            place: place(m),
+            plausible: true,
+        }
+    };
+    last.members.iter().enumerate().map(one).collect()
+}
+
+/// Everything found.
+pub(super) fn items(d: &Parts) -> Vec<Item> {
+    let mut out = conventions(d);
+    for (at, f) in d.joints.iter().enumerate() {
+        let last = f.answer.last();
+        out.extend(members(&f.answer, |m| Place::Joint(at, m), |c| {
+            estimates(&joint_parameters(c.effect, &c.free, &f.tier.nominal), &c.free, last)
+        }));
+    }
+    if let Some(b) = &d.body {
+        let last = b.answer.last();
+        out.extend(members(&b.answer, Place::Body, |c| {
+            estimates(&body_parameters(c.effect, c.joint, d.friction), &c.free, last)
+        }));
+    }
+    out
+}
+
+fn convention(effect: Effect, joint: Option<usize>, key: &str, value: f64) -> Item {
+    Item {
+        effect,
+        joint,
+        parameters: BTreeMap::from([(key.to_string(), Estimate { value, ci95: [value, value] })]),
+        // Far above anything that a fit gains; a wrong order outweighs all.
+        gain: 1e4,
+        rivals: Vec::new(),
+        place: Place::Convention,
+        plausible: true,
+    }
+}
+
+/// Orders and signs, of the command and of the recording.
+fn conventions(d: &Parts) -> Vec<Item> {
+    let mut out = Vec::new();
+    let identity: [usize; 6] = std::array::from_fn(|k| k);
+    let body = d.body.as_ref();
+    let orders = [Some(d.conventions.order), body.map(|b| b.tier.order)];
+    for order in orders.into_iter().flatten().filter(|o| *o != identity) {
+        out.push(convention(Effect::JointOrder, None, "permutation", permutation(&order)));
+    }
+    for k in 0..6 {
+        let command = d.conventions.slope[k].is_some_and(|s| s < 0.0);
+        let recording = body.is_some_and(|b| b.tier.maps[k].ratio < 0.0);
+        if command || recording {
+            out.push(convention(Effect::JointSign, Some(k), "sign", -1.0));
+        }
+    }
+    out
+}
+
+/// What would separate a class.
+pub(super) fn separate_by(effects: &[Effect]) -> &'static str {
+    let has = |e: Effect| effects.contains(&e);
+    if has(Effect::Latency) || has(Effect::LoopGain) || has(Effect::FeedbackDelay) || has(Effect::MotorLag) {
+        "record applied_setpoint_rad as the driver echoes it, and a chirp up to 1 Hz in the air"
+    } else if has(Effect::Backlash) || has(Effect::Compliance) || has(Effect::Deadband) {
+        "record link_position_rad, and slow reversals under load"
+    } else if has(Effect::GroundFriction) || has(Effect::FrictionAnisotropy) {
+        "record gaits in two headings, the robot turned by 90 degrees on the same spot"
+    } else if has(Effect::GroundSlope) || has(Effect::ComOffset) {
+        "record the same gait with the robot turned by 180 degrees: a slope stays, a shifted mass turns with it"
+    } else if has(Effect::ConnectorCompliance) || has(Effect::ConnectorPlay) {
+        "hold the robot as a bridge on its two ends and load the connector both ways"
+    } else {
+        "record slow triangles of that joint in the air, with current"
+    }
+}
+
+/// The next experiment.
+pub(super) fn next(classes: &[Ambiguous], word: Word) -> Option<NextExperiment> {
+    let make = |text: String, separates: Vec<Effect>| Some(NextExperiment { text, separates, gait: None });
+    if let Some(c) = classes.first() {
+        let joint = c.members.first().and_then(|m| m.joint).map_or_else(String::new, |k| format!(" (joint {k})"));
+        return make(format!("To tell these apart{joint}: {}.", c.separate_by), c.effects.clone());
+    }
+    match word {
+        Word::Unknown => make(
+            "Record each joint alone in the air (slow triangle, then chirp) with current and link angle, three repeats each: it shows whether the remainder lies before or behind the gear.".into(),
+            Vec::new(),
+        ),
+        _ => None,
+    }
+}
+
+/// Effects that these signals could not show.
+pub(super) fn unseen(d: &Parts, settings: &Settings) -> Vec<Unseen> {
+    let torque = d.joints.iter().any(|f| f.tier.torque);
+    let found = items(d);
+    let mut out = Vec::new();
+    for e in Effect::ALL.iter().filter(|e| !settings.withhold.contains(e)) {
+        if found.iter().any(|i| i.effect == *e) {
+            continue;
+        }
+        let known = d
+            .joints
+            .iter()
+            .map(|f| &f.answer)
+            .chain(d.body.iter().map(|b| &b.answer))
+            .any(|a| a.candidates.iter().any(|c| c.effect == *e));
+        let why = match e {
+            Effect::JointOrder | Effect::JointSign => continue,
+            Effect::CoulombFriction
+            | Effect::ViscousFriction
+            | Effect::StribeckFriction
+            | Effect::LoadDependentFriction
+            | Effect::AsymmetricFriction
+            | Effect::QuadraticFriction
+            | Effect::TorqueRipple
+                if !torque =>
+            {
+                "a servo that is strong enough hides it; record effort_nm or current_a"
+            }
+            _ if known => continue,
+            Effect::GravityLoad | Effect::Inertia => "on the ground several contacts share a joint's load; a bench run of that joint shows it",
+            Effect::Mass => "the same mass everywhere moves the robot the same way; needs effort_nm",
+            _ if d.body.is_none() && e.stage() == crate::vocabulary::Stage::Body => {
+                "no run has the base pose and all six positions"
+            }
+            _ => "no signal of this data set shows it, or the model holds no nominal value for it",
+        };
+        out.push(Unseen { effect: *e, why: why.into() });
+    }
+    debug_assert!(MARGIN > 0.0);
+    out
+}

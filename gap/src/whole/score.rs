@@ -1,0 +1,138 @@
+//! Metrics on the scored runs: per run first, then the mean over runs.
+
+use std::collections::BTreeMap;
+
+use super::data::{Data, JOINTS};
+use super::servo::{self, J, JointRun, Nominal, Trace};
+use super::{body, joints};
+use crate::math;
+
+/// One joint's scored runs.
+pub(super) struct Scored {
+    pub(super) joint: usize,
+    pub(super) nominal: Nominal,
+    /// Index of the scored run, and the run prepared; with the conventions found, and as sent.
+    pub(super) runs: Vec<(usize, JointRun, JointRun)>,
+}
+
+/// A state of the whole model.
+#[derive(Debug, Clone)]
+pub(super) struct State {
+    /// Coordinates of each joint, in the order of the joints found.
+    pub(super) joints: Vec<Vec<f64>>,
+    /// Coordinates of the body.
+    pub(super) body: Vec<f64>,
+    /// Whether the conventions found are applied.
+    pub(super) conventions: bool,
+}
+
+/// Values of every metric by run or gait.
+pub(super) type Metrics = BTreeMap<&'static str, Vec<f64>>;
+
+/// What is scored.
+pub(super) struct Score {
+    pub(super) joints: Vec<Scored>,
+    pub(super) body: Option<body::Tier>,
+    pub(super) runs: Vec<usize>,
+}
+
+/// Unit of a metric.
+pub(super) fn unit(metric: &str) -> &'static str {
+    match metric {
+        "pose_rmse_m" => "m",
+        "effort_rmse_nm" => "N m",
+        "similarity_r" | "speed_error" => "1",
+        _ => "rad",
+    }
+}
+
+impl Score {
+    /// Prepares the runs `runs`.
+    pub(super) fn new(
+        data: &Data,
+        found: &[joints::Found],
+        body: Option<body::Tier>,
+        runs: &[usize],
+        conventions: &super::Conventions,
+        loads: &[[Vec<f64>; JOINTS]],
+    ) -> Self {
+        let plain = super::Conventions {
+            order: std::array::from_fn(|k| k),
+            ..conventions.clone()
+        };
+        let of = |f: &joints::Found| {
+            let k = f.tier.joint;
+            let prepare = |r: usize, c| joints::prepare(&data.runs[r], k, c, &f.tier.nominal, &loads[r][k]);
+            Scored {
+                joint: k,
+                nominal: f.tier.nominal,
+                runs: runs
+                    .iter()
+                    .filter_map(|r| Some((*r, prepare(*r, conventions)?, prepare(*r, &plain)?)))
+                    .collect(),
+            }
+        };
+        Self {
+            joints: found.iter().map(of).collect(),
+            body,
+            runs: runs.to_vec(),
+        }
+    }
+
+    /// All metrics of a state.
+    pub(super) fn metrics(&self, state: &State) -> Metrics {
+        let mut out = Metrics::new();
+        let mut trace = Trace::default();
+        for r in &self.runs {
+            let mut sums: BTreeMap<&'static str, (f64, f64)> = BTreeMap::new();
+            for (scored, theta) in self.joints.iter().zip(&state.joints) {
+                let Some((_, with, without)) = scored.runs.iter().find(|x| x.0 == *r) else {
+                    continue;
+                };
+                let run = if state.conventions { with } else { without };
+                servo::simulate(run, &scored.nominal, theta, &mut trace);
+                let per_ampere = theta[J::PerAmpere as usize];
+                for (name, v) in [
+                    ("position_rmse_rad", servo::errors(&trace.position, &run.position).collect::<Vec<_>>()),
+                    (
+                        "effort_rmse_nm",
+                        servo::errors(&trace.effort, &run.effort)
+                            .zip(servo::values(&run.effort))
+                            .map(|(e, m)| e + m * (1.0 - per_ampere))
+                            .collect(),
+                    ),
+                    ("link_rmse_rad", run.link_errors(&trace)),
+                ] {
+                    if !v.is_empty() {
+                        let s = sums.entry(name).or_default();
+                        s.0 += math::rms(&v).powi(2);
+                        s.1 += 1.0;
+                    }
+                }
+            }
+            for (name, (sum, n)) in sums {
+                out.entry(name).or_default().push((sum / n).sqrt());
+            }
+        }
+        if let Some(tier) = &self.body {
+            let errors = tier.errors(&state.body);
+            out.insert("pose_rmse_m", errors.iter().map(|e| e[0]).collect());
+            out.insert("heading_rmse_rad", errors.iter().map(|e| e[1]).collect());
+        }
+        out
+    }
+}
+
+/// 95 % interval of the mean by bootstrap.
+pub(super) fn bootstrap(values: &[f64], seed: u64) -> [f64; 2] {
+    if values.is_empty() {
+        return [0.0, 0.0];
+    }
+    let mut rng = math::Rng::new(seed);
+    let mut all = Vec::with_capacity(400);
+    for _ in 0..400 {
+        let draw: f64 = values.iter().map(|_| values[rng.index(values.len())]).sum();
+        all.push(draw / values.len() as f64);
+    }
+    [math::quantile(&all, 0.025), math::quantile(&all, 0.975)]
+}

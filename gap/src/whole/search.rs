@@ -1,0 +1,765 @@
+//! Which effects: least squares with priors, forward selection on held-out gaits, backward pruning, rivals.
+//!
+//! Works on anything that gives residuals by gait in units of their tolerances: the joints and the body both use it.
+
+use rayon::prelude::*;
+
+use crate::vocabulary::Effect;
+
+/// A candidate with more starts than this is searched by its starts alone.
+const DENSE: usize = 20;
+/// Residuals beyond this many tolerances count linearly (Huber).
+const HUBER: f64 = 3.0;
+
+/// What is fitted.
+pub(super) trait Evaluate: Sync {
+    /// Residuals by group (gait) in units of their tolerances; the same lengths for every `theta`.
+    fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>>;
+}
+
+/// One number that may be moved.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Coordinate {
+    /// Value at which it has no effect.
+    pub(super) neutral: f64,
+    /// Prior, one standard deviation; 0 = fixed unless a candidate frees it.
+    pub(super) sigma: f64,
+    /// Step of finite differences.
+    pub(super) step: f64,
+    /// Smallest and largest value.
+    pub(super) range: [f64; 2],
+}
+
+/// An effect that may be added.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Candidate {
+    /// Which.
+    pub(super) effect: Effect,
+    /// Its joint.
+    pub(super) joint: Option<usize>,
+    /// Coordinates it frees.
+    pub(super) free: Vec<usize>,
+    /// Values to start from.
+    pub(super) starts: Vec<Vec<f64>>,
+}
+
+/// Thresholds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Limits {
+    /// Least gain of the held-out cost as a share of what is above the floor.
+    pub(super) share: f64,
+    /// Least gain in squared tolerances.
+    pub(super) least: f64,
+    /// Least gain as a share of the held-out cost.
+    pub(super) relative: f64,
+    /// Least gain of a further effect as a share of the cost before the first.
+    pub(super) of_first: f64,
+    /// Cost of a perfect model.
+    pub(super) floor: f64,
+    /// Independent samples.
+    pub(super) independent: f64,
+    /// Most effects.
+    pub(super) most: usize,
+    /// Base parameters must leave their tolerance by this many standard deviations.
+    pub(super) beyond: f64,
+    /// Candidates that are fitted at every step.
+    pub(super) refined: usize,
+    /// Iterations of a fit.
+    pub(super) iterations: usize,
+}
+
+/// A fitted state.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Fit {
+    /// All coordinates.
+    pub(super) theta: Vec<f64>,
+    /// Candidates in it, by index.
+    pub(super) members: Vec<usize>,
+    /// Cost on all groups, in squared tolerances per sample.
+    pub(super) cost: f64,
+    /// Cost on held-out folds.
+    pub(super) held_out: f64,
+    /// The same by fold.
+    pub(super) folds: Vec<f64>,
+    /// Cost by group.
+    pub(super) groups: Vec<f64>,
+    /// Standard deviation of each free coordinate, by coordinate; 0 where fixed.
+    pub(super) deviation: Vec<f64>,
+}
+
+/// A rival of a found effect.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Rival {
+    pub(super) candidate: usize,
+    /// Cost with the rival over cost with the effect.
+    pub(super) ratio: f64,
+    fit: Fit,
+}
+
+/// What a search found.
+#[derive(Debug, Clone)]
+pub(super) struct Answer {
+    pub(super) coordinates: Vec<Coordinate>,
+    pub(super) candidates: Vec<Candidate>,
+    /// Calibrated nominal model, then after every step.
+    pub(super) steps: Vec<Fit>,
+    /// Rivals of every member of the last step.
+    pub(super) rivals: Vec<Vec<Rival>>,
+    /// The last step without each of its members, and with that member alone.
+    pub(super) removed_alone: Vec<(Fit, Fit)>,
+    pub(super) limits: Limits,
+    /// Coordinates of the nominal model.
+    pub(super) nominal: Vec<f64>,
+    /// Its cost by group.
+    pub(super) nominal_groups: Vec<f64>,
+}
+
+impl Answer {
+    /// The final fit.
+    pub(super) fn last(&self) -> &Fit {
+        &self.steps[self.steps.len() - 1]
+    }
+}
+
+/// The search.
+pub(super) struct Search<'a, E: Evaluate> {
+    pub(super) model: &'a E,
+    pub(super) coordinates: &'a [Coordinate],
+    pub(super) candidates: &'a [Candidate],
+    pub(super) limits: Limits,
+}
+
+/// Normal equations of one group.
+#[derive(Debug, Clone)]
+struct Block {
+    a: Vec<f64>,
+    b: Vec<f64>,
+    c: f64,
+    n: f64,
+}
+
+fn huber(r: f64) -> f64 {
+    let x = r.abs();
+    if x <= HUBER {
+        x * x
+    } else {
+        2.0 * HUBER * x - HUBER * HUBER
+    }
+}
+
+/// Mean robust cost over groups; every group counts the same.
+pub(super) fn cost(residuals: &[Vec<f64>]) -> f64 {
+    let used: Vec<&Vec<f64>> = residuals.iter().filter(|g| !g.is_empty()).collect();
+    let one = |g: &&Vec<f64>| g.iter().map(|r| huber(*r)).sum::<f64>() / g.len() as f64;
+    used.iter().map(one).sum::<f64>() / used.len().max(1) as f64
+}
+
+/// Mean robust cost of every group.
+pub(super) fn group_costs(residuals: &[Vec<f64>]) -> Vec<f64> {
+    let one = |g: &Vec<f64>| g.iter().map(|r| huber(*r)).sum::<f64>() / g.len().max(1) as f64;
+    residuals.iter().map(one).collect()
+}
+
+/// Solves `a x = b` for a symmetric positive matrix; zeros where it is singular.
+pub(super) fn solve(a: &[f64], b: &[f64]) -> Vec<f64> {
+    let n = b.len();
+    let mut l = a.to_vec();
+    let mut x = b.to_vec();
+    for j in 0..n {
+        let tiny = 1e-12 * a[j * n + j].abs().max(1e-30);
+        for k in 0..j {
+            let f = l[j * n + k];
+            l[j * n + j] -= f * f;
+        }
+        let d = l[j * n + j].max(tiny).sqrt();
+        l[j * n + j] = d;
+        for i in j + 1..n {
+            for k in 0..j {
+                l[i * n + j] -= l[i * n + k] * l[j * n + k];
+            }
+            l[i * n + j] /= d;
+        }
+    }
+    for i in 0..n {
+        for k in 0..i {
+            x[i] -= l[i * n + k] * x[k];
+        }
+        x[i] /= l[i * n + i];
+    }
+    for i in (0..n).rev() {
+        for k in i + 1..n {
+            x[i] -= l[k * n + i] * x[k];
+        }
+        x[i] /= l[i * n + i];
+    }
+    x
+}
+
+fn blocks(r0: &[Vec<f64>], columns: &[Vec<Vec<f64>>], steps: &[f64]) -> Vec<Block> {
+    let n = columns.len();
+    let one = |(g, r): (usize, &Vec<f64>)| {
+        let mut out = Block {
+            a: vec![0.0; n * n],
+            b: vec![0.0; n],
+            c: 0.0,
+            n: r.len() as f64,
+        };
+        let mut row = vec![0.0; n];
+        for (i, r) in r.iter().enumerate() {
+            let w = (HUBER / r.abs().max(HUBER)).min(1.0);
+            for ((slot, column), h) in row.iter_mut().zip(columns).zip(steps) {
+                *slot = (column[g][i] - r) / h;
+            }
+            for (j, x) in row.iter().enumerate() {
+                out.b[j] += w * x * r;
+                for (k, y) in row.iter().enumerate().take(j + 1) {
+                    out.a[j * n + k] += w * x * y;
+                }
+            }
+            out.c += huber(*r);
+        }
+        for j in 0..n {
+            for k in 0..j {
+                out.a[k * n + j] = out.a[j * n + k];
+            }
+        }
+        out
+    };
+    r0.iter().enumerate().map(one).collect()
+}
+
+/// Sum of blocks, each divided by its samples.
+fn total(blocks: &[Block], take: &dyn Fn(usize) -> bool) -> (Vec<f64>, Vec<f64>, f64, f64) {
+    let n = blocks.first().map_or(0, |b| b.b.len());
+    let (mut a, mut b, mut c, mut groups) = (vec![0.0; n * n], vec![0.0; n], 0.0, 0.0);
+    for (_, k) in blocks
+        .iter()
+        .enumerate()
+        .filter(|(g, k)| k.n > 0.0 && take(*g))
+    {
+        a.iter_mut().zip(&k.a).for_each(|(x, y)| *x += y / k.n);
+        b.iter_mut().zip(&k.b).for_each(|(x, y)| *x += y / k.n);
+        c += k.c / k.n;
+        groups += 1.0;
+    }
+    (a, b, c, groups)
+}
+
+impl<E: Evaluate> Search<'_, E> {
+    fn free(&self, members: &[usize]) -> Vec<usize> {
+        let mut out: Vec<usize> = (0..self.coordinates.len())
+            .filter(|i| self.coordinates[*i].sigma > 0.0)
+            .collect();
+        for m in members {
+            out.extend(&self.candidates[*m].free);
+        }
+        out.sort_unstable();
+        out.dedup();
+        out
+    }
+
+    /// Whether a member removes the prior of coordinate `i`.
+    fn freed(&self, members: &[usize], i: usize) -> bool {
+        members.iter().any(|m| self.candidates[*m].free.contains(&i))
+    }
+
+    /// Where coordinate `i` may go: within its tolerance, unless a member frees it.
+    fn range(&self, members: &[usize], i: usize) -> [f64; 2] {
+        let c = &self.coordinates[i];
+        if c.sigma == 0.0 || self.freed(members, i) {
+            return c.range;
+        }
+        let reach = self.limits.beyond * c.sigma;
+        [
+            (c.neutral - reach).max(c.range[0]),
+            (c.neutral + reach).min(c.range[1]),
+        ]
+    }
+
+    fn prior_weight(&self, cost: f64) -> f64 {
+        cost.max(self.limits.floor) / self.limits.independent
+    }
+
+    /// Prior pull of `free` at `theta`: diagonal and gradient of `sum z^2`.
+    fn prior(&self, members: &[usize], free: &[usize], theta: &[f64]) -> Vec<(f64, f64)> {
+        free.iter()
+            .map(|i| {
+                let c = &self.coordinates[*i];
+                if c.sigma > 0.0 && !self.freed(members, *i) {
+                    let w = 1.0 / (c.sigma * c.sigma);
+                    (w, w * (theta[*i] - c.neutral))
+                } else {
+                    (0.0, 0.0)
+                }
+            })
+            .collect()
+    }
+
+    fn penalty(&self, members: &[usize], theta: &[f64]) -> f64 {
+        let free = self.free(members);
+        let z2 = |i: &usize| {
+            let c = &self.coordinates[*i];
+            if c.sigma > 0.0 && !self.freed(members, *i) {
+                ((theta[*i] - c.neutral) / c.sigma).powi(2)
+            } else {
+                0.0
+            }
+        };
+        free.iter().map(z2).sum()
+    }
+
+    fn jacobian(&self, theta: &[f64], free: &[usize]) -> (Vec<Vec<Vec<f64>>>, Vec<f64>) {
+        let steps: Vec<f64> = free
+            .iter()
+            .map(|i| {
+                let c = &self.coordinates[*i];
+                if theta[*i] + c.step > c.range[1] {
+                    -c.step
+                } else {
+                    c.step
+                }
+            })
+            .collect();
+        let columns = free
+            .par_iter()
+            .zip(&steps)
+            .map(|(i, h)| {
+                let mut t = theta.to_vec();
+                t[*i] += h;
+                self.model.residuals(&t)
+            })
+            .collect();
+        (columns, steps)
+    }
+
+    fn folds(groups: usize) -> usize {
+        groups.min(4)
+    }
+
+    /// Levenberg-Marquardt from `theta` with the candidates `members`; held-out cost by the quadratic at the end.
+    pub(super) fn fit(&self, theta: &[f64], members: &[usize], iterations: usize) -> Fit {
+        let free = self.free(members);
+        let mut theta = theta.to_vec();
+        let mut residuals = self.model.residuals(&theta);
+        let mut lambda = 1e-3;
+        let mut last = None;
+        for round in 0..=iterations {
+            let (columns, steps) = self.jacobian(&theta, &free);
+            let blocks = blocks(&residuals, &columns, &steps);
+            let (a, b, c, groups) = total(&blocks, &|_| true);
+            let weight = self.prior_weight(c / groups.max(1.0)) * groups;
+            let prior = self.prior(members, &free, &theta);
+            last = Some((blocks, weight, prior.clone()));
+            if round == iterations {
+                break;
+            }
+            let now = cost(&residuals) * groups + weight * self.penalty(members, &theta);
+            let mut moved = false;
+            for _ in 0..4 {
+                let next = self.step(&theta, (members, &free), (&a, &b), &prior, weight, lambda);
+                let r = self.model.residuals(&next);
+                let then = cost(&r) * groups + weight * self.penalty(members, &next);
+                if then < now {
+                    moved = now - then > 1e-4 * now;
+                    theta = next;
+                    residuals = r;
+                    lambda = (lambda * 0.2).max(1e-6);
+                    break;
+                }
+                lambda *= 8.0;
+            }
+            if !moved {
+                let (columns, steps) = self.jacobian(&theta, &free);
+                let prior = self.prior(members, &free, &theta);
+                last = Some((self::blocks(&residuals, &columns, &steps), weight, prior));
+                break;
+            }
+        }
+        let (blocks, weight, prior) = last.unwrap_or_default();
+        self.finish(theta, members, &free, &residuals, &blocks, weight, &prior)
+    }
+
+    fn step(
+        &self,
+        theta: &[f64],
+        (members, free): (&[usize], &[usize]),
+        (a, b): (&[f64], &[f64]),
+        prior: &[(f64, f64)],
+        weight: f64,
+        lambda: f64,
+    ) -> Vec<f64> {
+        let n = free.len();
+        let (mut a, mut b) = (a.to_vec(), b.to_vec());
+        for j in 0..n {
+            a[j * n + j] += weight * prior[j].0;
+            b[j] += weight * prior[j].1;
+            a[j * n + j] *= 1.0 + lambda;
+            a[j * n + j] += 1e-15;
+        }
+        let d = solve(&a, &b);
+        let mut out = theta.to_vec();
+        for (i, d) in free.iter().zip(d) {
+            let range = self.range(members, *i);
+            out[*i] = (out[*i] - d).clamp(range[0], range[1]);
+        }
+        out
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn finish(
+        &self,
+        theta: Vec<f64>,
+        members: &[usize],
+        free: &[usize],
+        residuals: &[Vec<f64>],
+        blocks: &[Block],
+        weight: f64,
+        prior: &[(f64, f64)],
+    ) -> Fit {
+        let n = free.len();
+        let used: Vec<usize> = (0..blocks.len()).filter(|g| blocks[*g].n > 0.0).collect();
+        let count = Self::folds(used.len());
+        let fold_of = |g: usize| used.iter().position(|u| *u == g).map_or(0, |p| p % count.max(1));
+        let at_border = |i: usize| {
+            let range = self.range(members, i);
+            theta[i] <= range[0] || theta[i] >= range[1]
+        };
+        let regular = |a: &mut [f64], b: &mut [f64], share: f64| {
+            for j in 0..n {
+                if at_border(free[j]) {
+                    // Held where it is.
+                    a[j * n + j] *= 1e9;
+                }
+                a[j * n + j] += weight * share * prior[j].0 + 1e-15;
+                b[j] += weight * share * prior[j].1;
+            }
+        };
+        let mut folds = Vec::new();
+        for f in 0..count {
+            let (mut a, mut b, _, train) = total(blocks, &|g| fold_of(g) != f);
+            let (at, bt, ct, test) = total(blocks, &|g| fold_of(g) == f);
+            if train == 0.0 {
+                folds.push(ct);
+                continue;
+            }
+            regular(&mut a, &mut b, train / (train + test));
+            let d = solve(&a, &b);
+            let mut held = ct;
+            for j in 0..n {
+                held -= 2.0 * bt[j] * d[j];
+                for k in 0..n {
+                    held += d[j] * at[j * n + k] * d[k];
+                }
+            }
+            folds.push(held.max(0.0));
+        }
+        let groups = used.len().max(1) as f64;
+        let (mut a, mut b, _, _) = total(blocks, &|_| true);
+        regular(&mut a, &mut b, 1.0);
+        let cost = cost(residuals);
+        let mut deviation = vec![0.0; theta.len()];
+        for (j, i) in free.iter().enumerate() {
+            let mut unit = vec![0.0; n];
+            unit[j] = 1.0;
+            let inverse = solve(&a, &unit)[j];
+            let scale = cost.max(self.limits.floor) * groups / self.limits.independent;
+            deviation[*i] = (inverse * scale).max(0.0).sqrt();
+        }
+        Fit {
+            theta,
+            members: members.to_vec(),
+            groups: group_costs(residuals),
+            cost,
+            held_out: folds.iter().sum::<f64>() / groups,
+            folds,
+            deviation,
+        }
+    }
+
+    /// Least gain of the held-out cost for an effect to be believed.
+    fn threshold(&self, base: &Fit) -> f64 {
+        let above = (base.held_out - self.limits.floor).max(0.0);
+        (self.limits.share * above)
+            .max(self.limits.least)
+            .max(self.limits.relative * base.held_out)
+    }
+
+    /// Cost of every start of every open candidate, the free coordinates adapted to first order; best first.
+    fn screen(&self, base: &Fit, open: &[usize]) -> Vec<(usize, Vec<f64>, f64)> {
+        let free = self.free(&base.members);
+        let (columns, steps) = self.jacobian(&base.theta, &free);
+        let r0 = self.model.residuals(&base.theta);
+        let prior = self.prior(&base.members, &free, &base.theta);
+        let mut tasks = Vec::new();
+        for c in open {
+            for s in &self.candidates[*c].starts {
+                tasks.push((*c, s.clone()));
+            }
+        }
+        let mut out: Vec<(usize, Vec<f64>, f64)> = tasks
+            .into_par_iter()
+            .map(|(c, start)| {
+                let mut t = base.theta.clone();
+                for (i, v) in self.candidates[c].free.iter().zip(&start) {
+                    t[*i] = *v;
+                }
+                let r = self.model.residuals(&t);
+                // Columns at the base point serve here too: only their differences enter.
+                let mut all: Vec<Vec<Vec<f64>>> =
+                    columns.iter().map(|col| add(col, &r0, &r)).collect();
+                let mut moved = free.clone();
+                let mut steps = steps.clone();
+                // A dense grid of starts means a number that no slope leads to.
+                let own: Vec<usize> = if self.candidates[c].starts.len() > DENSE {
+                    Vec::new()
+                } else {
+                    let own = self.candidates[c].free.iter().copied();
+                    own.filter(|i| !free.contains(i)).collect()
+                };
+                if let [i] = own.as_slice() {
+                    // The secant from here is slope enough for one number.
+                    all.push(r0.clone());
+                    steps.push(base.theta[*i] - t[*i]);
+                } else {
+                    let (more, h) = self.jacobian(&t, &own);
+                    all.extend(more);
+                    steps.extend(h);
+                }
+                moved.extend(own);
+                let blocks = blocks(&r, &all, &steps);
+                let (mut a, mut b, cost, groups) = total(&blocks, &|_| true);
+                let n = moved.len();
+                let weight = self.prior_weight(base.cost) * groups;
+                for j in 0..n {
+                    a[j * n + j] += 1e-15;
+                    if let Some(p) = prior.get(j).filter(|_| !self.candidates[c].free.contains(&moved[j])) {
+                        a[j * n + j] += weight * p.0;
+                        b[j] += weight * p.1;
+                    }
+                    a[j * n + j] *= 1.001;
+                }
+                let d = solve(&a, &b);
+                let gain: f64 = d.iter().zip(&b).map(|(x, y)| x * y).sum();
+                for (i, d) in moved.iter().zip(&d).skip(free.len()) {
+                    let range = self.coordinates[*i].range;
+                    t[*i] = (t[*i] - d).clamp(range[0], range[1]);
+                }
+                (c, t, ((cost - gain) / groups.max(1.0)).max(0.0))
+            })
+            .collect();
+        out.sort_by(|a, b| a.2.total_cmp(&b.2));
+        out
+    }
+
+    /// Forward selection, then backward pruning.
+    pub(super) fn run(&self, base: Fit) -> Vec<Fit> {
+        let mut steps = vec![base];
+        while let Some(next) = self.forward(&steps[steps.len() - 1], steps[0].held_out) {
+            // Everything settles before a further effect is looked at.
+            let settled = self.fit(&next.theta, &next.members, 2 * self.limits.iterations);
+            steps.push(settled);
+            if steps.len() > self.limits.most {
+                break;
+            }
+        }
+        while let Some(next) = self.backward(&steps[steps.len() - 1]) {
+            steps.push(next);
+        }
+        steps
+    }
+
+    /// Selection, rivals, and every effect alone and removed.
+    pub(super) fn answer(&self, base: Fit, nominal: Vec<f64>) -> Answer {
+        let mut steps = self.run(base);
+        let rivals_of = |fit: &Fit| -> Vec<Vec<Rival>> {
+            fit.members.iter().map(|m| self.rivals(fit, *m, 3)).collect()
+        };
+        let mut rivals = rivals_of(&steps[steps.len() - 1]);
+        let last = &steps[steps.len() - 1];
+        let better = rivals
+            .iter()
+            .flatten()
+            .map(|r| &r.fit)
+            .filter(|f| last.held_out - f.held_out > self.threshold(last))
+            .min_by(|a, b| a.held_out.total_cmp(&b.held_out));
+        if let Some(better) = better.cloned() {
+            rivals = rivals_of(&better);
+            steps.push(better);
+        }
+        let last = &steps[steps.len() - 1];
+        let alone = |m: &usize| {
+            let mut theta = steps[0].theta.clone();
+            for i in &self.candidates[*m].free {
+                theta[*i] = last.theta[*i];
+            }
+            (
+                self.without(last, *m),
+                self.fit(&theta, &[*m], self.limits.iterations),
+            )
+        };
+        let removed_alone = last.members.iter().map(alone).collect();
+        Answer {
+            coordinates: self.coordinates.to_vec(),
+            candidates: self.candidates.to_vec(),
+            rivals,
+            removed_alone,
+            steps,
+            limits: self.limits,
+            nominal_groups: group_costs(&self.model.residuals(&nominal)),
+            nominal,
+        }
+    }
+
+    fn forward(&self, base: &Fit, first: f64) -> Option<Fit> {
+        let taken = |c: usize| {
+            base.members.iter().any(|m| {
+                let (a, b) = (&self.candidates[*m], &self.candidates[c]);
+                (a.effect, a.joint) == (b.effect, b.joint) || b.free.iter().any(|i| a.free.contains(i))
+            })
+        };
+        let open: Vec<usize> = (0..self.candidates.len()).filter(|c| !taken(*c)).collect();
+        // Errors between two simulators of one law grow with the law.
+        let least = self.threshold(base).max(self.limits.of_first * first * f64::from(u8::from(!base.members.is_empty())));
+        let mut seen = Vec::new();
+        let mut best: Option<Fit> = None;
+        for (c, theta, screened) in self.screen(base, &open) {
+            if seen.contains(&c) || seen.len() >= self.limits.refined || screened > base.cost - 0.3 * least {
+                continue;
+            }
+            seen.push(c);
+            let mut members = base.members.clone();
+            members.push(c);
+            let fit = self.fit(&self.scanned(&theta, c), &members, self.limits.iterations);
+            if self.believed(base, &fit, c, least)
+                && best.as_ref().is_none_or(|b| fit.held_out < b.held_out)
+            {
+                best = Some(fit);
+            }
+        }
+        best
+    }
+
+    /// For a candidate that is searched by starts: the best of a fine scan around `theta`.
+    fn scanned(&self, theta: &[f64], c: usize) -> Vec<f64> {
+        let candidate = &self.candidates[c];
+        let (true, [i]) = (candidate.starts.len() > DENSE, candidate.free.as_slice()) else {
+            return theta.to_vec();
+        };
+        let tries: Vec<(Vec<f64>, f64)> = (-8..=8)
+            .into_par_iter()
+            .map(|k| {
+                let mut t = theta.to_vec();
+                t[*i] *= 1.0 + 0.0025 * f64::from(k);
+                let cost = cost(&self.model.residuals(&t));
+                (t, cost)
+            })
+            .collect();
+        tries
+            .into_iter()
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .map_or_else(|| theta.to_vec(), |t| t.0)
+    }
+
+    fn believed(&self, base: &Fit, fit: &Fit, c: usize, least: f64) -> bool {
+        let wins = fit
+            .folds
+            .iter()
+            .zip(&base.folds)
+            .filter(|(a, b)| a < b)
+            .count();
+        let significant = self.candidates[c].free.iter().any(|i| {
+            let x = &self.coordinates[*i];
+            let off = (fit.theta[*i] - x.neutral).abs();
+            off > 3.0 * fit.deviation[*i] && off > self.limits.beyond * x.sigma
+        });
+        base.held_out - fit.held_out >= least && 2 * wins > base.folds.len() && significant
+    }
+
+    /// The fit without the member that is missed least, if it is missed less than the threshold.
+    fn backward(&self, full: &Fit) -> Option<Fit> {
+        if full.members.len() < 2 {
+            return None;
+        }
+        let mut best: Option<Fit> = None;
+        for m in &full.members {
+            let fit = self.without(full, *m);
+            let least = self.threshold(&fit);
+            if fit.held_out - full.held_out < least
+                && best.as_ref().is_none_or(|b| fit.held_out < b.held_out)
+            {
+                best = Some(fit);
+            }
+        }
+        best
+    }
+
+    /// Candidates that could stand in the place of `member`.
+    fn rivals_of(&self, full: &Fit, member: usize) -> Vec<usize> {
+        let own = &self.candidates[member];
+        (0..self.candidates.len())
+            .filter(|c| {
+                let x = &self.candidates[*c];
+                !full.members.contains(c)
+                    && (x.effect, x.joint) != (own.effect, own.joint)
+                    && !full.members.iter().any(|m| {
+                        *m != member && self.candidates[*m].free.iter().any(|i| x.free.contains(i))
+                    })
+            })
+            .collect()
+    }
+
+    /// The fit with one member taken out and the rest fitted again.
+    pub(super) fn without(&self, full: &Fit, member: usize) -> Fit {
+        let members: Vec<usize> = full.members.iter().copied().filter(|m| *m != member).collect();
+        let mut theta = full.theta.clone();
+        for i in &self.candidates[member].free {
+            theta[*i] = self.coordinates[*i].neutral;
+        }
+        self.fit(&theta, &members, self.limits.iterations)
+    }
+
+    /// Rivals of `member`: the best other candidates in its place.
+    pub(super) fn rivals(&self, full: &Fit, member: usize, most: usize) -> Vec<Rival> {
+        let without = self.without(full, member);
+        let own = &self.candidates[member];
+        let mut open = self.rivals_of(full, member);
+        // What holds all of this effect's numbers and more always fits as well; that makes it no rival.
+        open.retain(|c| {
+            let x = &self.candidates[*c].free;
+            x.len() <= own.free.len() || !own.free.iter().all(|i| x.contains(i))
+        });
+        let mut out: Vec<Rival> = Vec::new();
+        for (c, theta, _) in self.screen(&without, &open) {
+            if out.len() >= most {
+                break;
+            }
+            if out.iter().any(|r| r.candidate == c) {
+                continue;
+            }
+            let mut members = without.members.clone();
+            members.push(c);
+            let fit = self.fit(&theta, &members, self.limits.iterations);
+            out.push(Rival {
+                candidate: c,
+                ratio: fit.cost / full.cost.max(1e-12),
+                fit,
+            });
+        }
+        out
+    }
+}
+
+fn add(column: &[Vec<f64>], r0: &[Vec<f64>], r: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    column
+        .iter()
+        .zip(r0)
+        .zip(r)
+        .map(|((c, a), b)| {
+            c.iter()
+                .zip(a)
+                .zip(b)
+                .map(|((c, a), b)| c - a + b)
+                .collect()
+        })
+        .collect()
+}

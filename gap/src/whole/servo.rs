@@ -1,0 +1,366 @@
+//! One joint of the robot, cut out of it: the servo of Table II and its effects, against loads replayed from measurement.
+//!
+//! `v* = clamp(P (set-point - q), +-vmax)`; the motor gives what torque that takes, at most `Tmax`; a real drive loses some
+//! speed per torque (`droop`, CFM in ODE's words). The load on the joint is what the body needs along the measured motion,
+//! so joints do not couple. A motor at its limit feels [`SURROUNDINGS_NM_RAD`].
+
+use super::data::Track;
+
+macro_rules! coordinates {
+    ($($id:ident, $doc:literal;)*) => {
+        /// Index of a coordinate of the joint model.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub(super) enum J { $(#[doc = $doc] $id),* }
+
+        impl J {
+            /// How many there are.
+            pub(super) const COUNT: usize = [$(Self::$id),*].len();
+        }
+    };
+}
+
+coordinates! {
+    Gain, "ratio to the nominal P";
+    MaxSpeed, "ratio to the nominal speed limit";
+    MaxTorque, "ratio to the nominal torque limit";
+    Viscous, "N m s/rad";
+    Droop, "speed lost per torque, rad/s per N m";
+    Delay, "set-point delay, s";
+    Skew, "robot clock rate over true rate";
+    Scale, "ratio of the set-point";
+    Offset, "added to the set-point, rad";
+    Quantum, "set-point step, rad";
+    DeadHard, "errors below count as none, rad";
+    DeadSoft, "errors are reduced by this, rad";
+    Slew, "largest speed of the followed set-point, rad/s; 0 = unlimited";
+    FeedbackDelay, "age of the angle in the loop, s";
+    Lag, "time constant from wanted speed to followed speed, s";
+    Coulomb, "N m";
+    Static, "friction above Coulomb at rest, N m";
+    StribeckSpeed, "rad/s";
+    LoadShare, "friction over load";
+    Asymmetry, "Coulomb friction forward less backward, N m";
+    AsymmetryViscous, "the same for the viscous part, N m s/rad";
+    Quadratic, "N m s2/rad2";
+    RippleSin, "N m";
+    RippleCos, "N m";
+    RipplePeriods, "per turn";
+    Load, "ratio of the replayed load";
+    Play, "half play between encoder and link, rad";
+    Flex, "twist between encoder and link, rad per N m";
+    PerAmpere, "ratio to the nominal torque per current";
+}
+
+/// Time step, s. Ten per set-point; the laws are integrated implicitly.
+pub(super) const STEP_S: f64 = 0.005;
+/// Inertia that regularises the torque limit, kg m2: that of one half-sphere about its cube's centre is 6.6e-4, of half the
+/// robot about a joint 0.02; the replayed load already holds the true one.
+const INERTIA_KG_M2: f64 = 0.01;
+/// Change of load per angle off the measured path once the motor is at its limit, N m/rad. Gravity alone gives 2 (half the
+/// robot on a lever of 0.15 m); a replayed load is wrong by some tenths of a newton metre, and a motor at its limit would
+/// run away on them.
+const SURROUNDINGS_NM_RAD: f64 = 30.0;
+/// Load at which the play is half taken up, N m.
+const PLAY_LOAD_NM: f64 = 0.02;
+
+/// Nominal values of a joint's servo.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Nominal {
+    /// P, 1/s.
+    pub(super) gain_per_s: f64,
+    /// Speed limit, rad/s.
+    pub(super) max_speed_rad_s: f64,
+    /// Torque limit, N m.
+    pub(super) max_torque_nm: f64,
+    /// Torque per current at the output, N m/A.
+    pub(super) nm_per_a: f64,
+}
+
+/// A sample to compare with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sample {
+    /// Step and the part of it.
+    at: (usize, f64),
+    value: f64,
+}
+
+/// One run of one joint, prepared.
+#[derive(Debug, Clone)]
+pub(super) struct JointRun {
+    /// Set-point events: time, value, integral up to there.
+    events: Vec<[f64; 3]>,
+    steps: usize,
+    start: [f64; 2],
+    /// Replayed load at each step, N m.
+    load: Vec<f64>,
+    /// What twists the transmission at each step: the measured torque, else the replayed load, N m.
+    twisting: Vec<f64>,
+    /// Measured angle at each step.
+    path: Vec<f64>,
+    pub(super) position: Vec<Sample>,
+    pub(super) effort: Vec<Sample>,
+    /// Link less encoder.
+    pub(super) twist: Vec<Sample>,
+}
+
+/// Least time between samples that are compared, s: errors of the angle are slower than this.
+const SPACING_S: f64 = 0.03;
+
+fn samples(track: Option<&Track>, steps: usize) -> Vec<Sample> {
+    let mut out = Vec::new();
+    let mut next = 0.0;
+    let Some(track) = track else { return out };
+    for (t, v) in track.t_s.iter().zip(&track.v) {
+        let step = (t / STEP_S) as usize;
+        if *t >= next && step + 1 < steps {
+            out.push(Sample {
+                at: (step, t / STEP_S - step as f64),
+                value: *v,
+            });
+            next = t + SPACING_S - 1e-9;
+        }
+    }
+    out
+}
+
+/// Means over one set-point period: the torque of each step of the set-point is a blow whose height hangs on the time step.
+fn averaged(track: &Track) -> Track {
+    const HALF_S: f64 = 0.05;
+    let mean = |t: &f64| track.line(*t, HALF_S).map_or_else(|| track.at(*t), |l| l.0);
+    Track {
+        t_s: track.t_s.clone(),
+        v: track.t_s.iter().map(mean).collect(),
+    }
+}
+
+impl JointRun {
+    /// Prepares a run; `None` without set-points or positions. `load` is on the grid of steps.
+    pub(super) fn new(
+        command: &Track,
+        position: &Track,
+        link: Option<&Track>,
+        effort: Option<&Track>,
+        load: Vec<f64>,
+    ) -> Self {
+        let end = position.t_s[position.t_s.len() - 1];
+        let steps = (end / STEP_S) as usize + 2;
+        let mut events: Vec<[f64; 3]> = Vec::new();
+        for (t, v) in command.t_s.iter().zip(&command.v) {
+            match events.last() {
+                Some(last) if last[1] == *v => {}
+                Some(last) => events.push([*t, *v, last[2] + last[1] * (t - last[0])]),
+                None => events.push([0.0, *v, 0.0]),
+            }
+        }
+        let first = position.line(position.t_s[0] + 0.05, 0.06);
+        let speed = first.map_or(0.0, |f| if f.1.abs() < 0.05 { 0.0 } else { f.1 });
+        let twist = link.map(|l| Track {
+            t_s: l.t_s.clone(),
+            v: l.t_s.iter().zip(&l.v).map(|(t, v)| v - position.at(*t)).collect(),
+        });
+        let effort = effort.map(averaged);
+        let twisting = match &effort {
+            Some(e) => (0..steps).map(|i| e.at(i as f64 * STEP_S)).collect(),
+            None => load.clone(),
+        };
+        Self {
+            twisting,
+            events,
+            steps,
+            start: [position.v[0], speed],
+            path: (0..steps).map(|i| position.at(i as f64 * STEP_S)).collect(),
+            load,
+            position: samples(Some(position), steps),
+            effort: samples(effort.as_ref(), steps),
+            twist: samples(twist.as_ref(), steps),
+        }
+    }
+
+    /// Largest commanded speed between neighbouring set-points, rad/s (95 % quantile).
+    pub(super) fn busy_rad_s(&self) -> f64 {
+        let v: Vec<f64> = self
+            .events
+            .windows(2)
+            .map(|w| ((w[1][1] - w[0][1]) / (w[1][0] - w[0][0]).max(1e-3)).abs())
+            .collect();
+        crate::math::quantile(&v, 0.95)
+    }
+
+    /// Simulated less measured link angle, where the link was measured.
+    pub(super) fn link_errors(&self, trace: &Trace) -> Vec<f64> {
+        let one = |s: &Sample| at(&trace.position, s) + at(&trace.twist, s) - at(&self.path, s) - s.value;
+        self.twist.iter().map(one).collect()
+    }
+
+    /// Number of steps.
+    pub(super) fn steps(&self) -> usize {
+        self.steps
+    }
+}
+
+/// What a simulation gives at every step.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Trace {
+    pub(super) position: Vec<f64>,
+    pub(super) effort: Vec<f64>,
+    pub(super) twist: Vec<f64>,
+}
+
+/// The held set-point's integral from 0 to `t_s`; `at` is a cursor that moves with time.
+fn integral(events: &[[f64; 3]], t_s: f64, at: &mut usize) -> f64 {
+    while *at + 1 < events.len() && events[*at + 1][0] <= t_s {
+        *at += 1;
+    }
+    while *at > 0 && events[*at][0] > t_s {
+        *at -= 1;
+    }
+    let e = events[*at];
+    e[2] + e[1] * (t_s - e[0])
+}
+
+/// Friction other than viscous at speed `v`, N m, for forward (+1) or backward motion.
+struct Friction {
+    base: f64,
+    half_asymmetry: f64,
+    damping: f64,
+    half_asymmetry_damping: f64,
+}
+
+impl Friction {
+    fn at(p: &[f64], v: f64, load: f64) -> Self {
+        let x = v / p[J::StribeckSpeed as usize].max(1e-4);
+        Self {
+            base: p[J::Coulomb as usize]
+                + p[J::Static as usize] / (1.0 + x * x)
+                + p[J::LoadShare as usize] * load.abs(),
+            half_asymmetry: 0.5 * p[J::Asymmetry as usize],
+            damping: p[J::Viscous as usize] + p[J::Quadratic as usize] * v.abs(),
+            half_asymmetry_damping: 0.5 * p[J::AsymmetryViscous as usize],
+        }
+    }
+
+    fn dry(&self, sign: f64) -> f64 {
+        (self.base + sign * self.half_asymmetry).max(0.0)
+    }
+
+    fn wet(&self, sign: f64) -> f64 {
+        self.damping + sign * self.half_asymmetry_damping
+    }
+
+    /// Speed from `m v + wet v + dry sign(v) = push`, 0 while the push is below the dry friction; and the friction then.
+    fn solve(&self, m: f64, push: f64) -> (f64, f64) {
+        let sign = if push >= 0.0 { 1.0 } else { -1.0 };
+        let rest = push.abs() - self.dry(sign);
+        if rest <= 0.0 {
+            return (0.0, push);
+        }
+        let v = sign * rest / (m + self.wet(sign)).max(1e-9);
+        (v, sign * self.dry(sign) + self.wet(sign) * v)
+    }
+}
+
+/// Simulates a run.
+pub(super) fn simulate(run: &JointRun, nominal: &Nominal, p: &[f64], out: &mut Trace) {
+    let get = |j: J| p[j as usize];
+    let h = STEP_S;
+    let gain = nominal.gain_per_s * get(J::Gain);
+    let vmax = nominal.max_speed_rad_s * get(J::MaxSpeed);
+    let tmax = nominal.max_torque_nm * get(J::MaxTorque);
+    let droop = get(J::Droop).max(1e-4);
+    let blend = if get(J::Lag) > 0.0 { 1.0 - libm::exp(-h / get(J::Lag)) } else { 1.0 };
+    let back = get(J::FeedbackDelay) / h;
+    let ripple = get(J::RippleSin) != 0.0 || get(J::RippleCos) != 0.0;
+    let (mut q, mut v) = (run.start[0], run.start[1]);
+    let (mut cursor, mut wanted) = (0usize, v);
+    let clock = |t: f64| t * get(J::Skew) - get(J::Delay);
+    let mut before = integral(&run.events, clock(0.0), &mut cursor);
+    let mut followed = f64::NAN;
+    out.position.clear();
+    out.effort.clear();
+    out.twist.clear();
+    for i in 0..run.steps {
+        let t = i as f64 * h;
+        let next = integral(&run.events, clock(t + h), &mut cursor);
+        let mut sp = (next - before) / (h * get(J::Skew));
+        before = next;
+        if get(J::Quantum) > 0.0 {
+            sp = (sp / get(J::Quantum)).round() * get(J::Quantum);
+        }
+        sp = sp * get(J::Scale) + get(J::Offset);
+        if get(J::Slew) > 0.0 {
+            let from = if followed.is_nan() { q } else { followed };
+            followed = from + (sp - from).clamp(-get(J::Slew) * h, get(J::Slew) * h);
+            sp = followed;
+        }
+        let seen = if back > 0.0 { old(&out.position, q, back) } else { q };
+        let mut e = sp - seen;
+        if e.abs() < get(J::DeadHard) {
+            e = 0.0;
+        }
+        e = e.signum() * (e.abs() - get(J::DeadSoft)).max(0.0);
+        // Half a step of the loop's own answer makes the explicit law second order.
+        let v_star = (gain * e / (1.0 + 0.5 * gain * h)).clamp(-vmax, vmax);
+        wanted += blend * (v_star - wanted);
+        let mut load = get(J::Load) * run.load.get(i).copied().unwrap_or(0.0);
+        if ripple {
+            let (s, c) = libm::sincos(get(J::RipplePeriods) * q);
+            load -= get(J::RippleSin) * s + get(J::RippleCos) * c;
+        }
+        let (speed, torque) = drive(v, wanted, load, q - run.path[i], droop, tmax, &Friction::at(p, wanted, load));
+        out.position.push(q);
+        out.effort.push(torque);
+        let twisting = run.twisting.get(i).copied().unwrap_or(0.0);
+        let side = twisting / PLAY_LOAD_NM;
+        out.twist.push(-get(J::Flex) * twisting - get(J::Play) * side / (1.0 + side.abs()));
+        v = speed;
+        q += h * v;
+    }
+}
+
+/// Angle `back` steps ago, linear between steps.
+fn old(position: &[f64], now: f64, back: f64) -> f64 {
+    let n = position.len() as f64;
+    let place = n - back;
+    let first = position.first().copied().unwrap_or(now);
+    if place <= 0.0 {
+        return first;
+    }
+    let i = place as usize;
+    let a = position.get(i).copied().unwrap_or(now);
+    let b = position.get(i + 1).copied().unwrap_or(now);
+    a + (b - a) * (place - i as f64)
+}
+
+/// One step of the motor against friction and load: new speed, and torque less what accelerates the regularising inertia.
+fn drive(v: f64, wanted: f64, load: f64, off: f64, droop: f64, tmax: f64, f: &Friction) -> (f64, f64) {
+    let m = INERTIA_KG_M2 / STEP_S;
+    let stiff = 1.0 / droop;
+    let (v1, friction) = f.solve(m + stiff, m * v + stiff * wanted - load);
+    let torque = stiff * (wanted - v1);
+    if torque.abs() <= tmax {
+        return (v1, friction + load);
+    }
+    let limit = tmax * torque.signum();
+    let k = SURROUNDINGS_NM_RAD;
+    let (v1, _) = f.solve(m + k * STEP_S, m * v + limit - load - k * off);
+    (v1, limit)
+}
+
+/// Value of a series at a sample.
+pub(super) fn at(series: &[f64], s: &Sample) -> f64 {
+    let a = series[s.at.0];
+    a + (series[s.at.0 + 1] - a) * s.at.1
+}
+
+/// Simulated less measured at every sample.
+pub(super) fn errors<'a>(
+    series: &'a [f64],
+    samples: &'a [Sample],
+) -> impl Iterator<Item = f64> + 'a {
+    samples.iter().map(|s| at(series, s) - s.value)
+}
+
+/// Measured values.
+pub(super) fn values(samples: &[Sample]) -> impl Iterator<Item = f64> + '_ {
+    samples.iter().map(|s| s.value)
+}

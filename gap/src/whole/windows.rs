@@ -1,0 +1,274 @@
+//! Short windows restarted from the measured state, joints led along the measured angles: body and ground alone are on trial.
+
+use std::sync::Arc;
+
+use physics::{Drive, Level, Options, Outcome, Params, Pose, Start, Trial, Twist};
+use rayon::prelude::*;
+
+use super::data::{BaseTrack, Data, JOINTS, Run};
+
+/// Time between samples of the led angles, s.
+pub(super) const PERIOD_S: f64 = 0.02;
+/// Rate of recorded poses and torques, Hz: one per sample of the angles.
+const RATE_HZ: f64 = 1.0 / PERIOD_S;
+
+/// How link angles follow from the recorded ones, per joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct LinkMap {
+    /// Recorded less true angle, rad.
+    pub(super) offset_rad: f64,
+    /// Recorded over true angle.
+    pub(super) ratio: f64,
+    /// Half play between recorded and true angle, rad.
+    pub(super) play_rad: f64,
+    /// Twist per torque, rad/(N m).
+    pub(super) flex: f64,
+}
+
+impl Default for LinkMap {
+    fn default() -> Self {
+        Self {
+            offset_rad: 0.0,
+            ratio: 1.0,
+            play_rad: 0.0,
+            flex: 0.0,
+        }
+    }
+}
+
+/// A window.
+#[derive(Debug, Clone)]
+pub(super) struct Window {
+    pub(super) run: usize,
+    pub(super) gait: usize,
+    /// Start in the run's time, s.
+    pub(super) from_s: f64,
+    start: Option<(Pose, Twist)>,
+    /// `angles[sample * 6 + joint]`.
+    angles: Vec<f64>,
+    /// Torque on each joint, as `angles`; zeros until a replay has filled it.
+    pub(super) torques: Vec<f64>,
+    duration_s: f64,
+}
+
+/// Measured state of the base at `t_s`: lines through the samples around it.
+pub(super) fn base_state(base: &BaseTrack, t_s: f64) -> Option<(Pose, Twist)> {
+    // Wide enough for three samples of a 30 Hz tracker.
+    const HALF_S: f64 = 0.06;
+    let mut p = [(0.0, 0.0); 3];
+    for (slot, track) in p.iter_mut().zip(&base.position_m) {
+        *slot = track.line(t_s, HALF_S)?;
+    }
+    let mut q = [(0.0, 0.0); 4];
+    for (slot, track) in q.iter_mut().zip(&base.quaternion) {
+        *slot = track.line(t_s, HALF_S)?;
+    }
+    let norm = q.iter().map(|x| x.0 * x.0).sum::<f64>().sqrt().max(1e-9);
+    let [w, x, y, z] = q.map(|c| c.0 / norm);
+    let [dw, dx, dy, dz] = q.map(|c| c.1 / norm);
+    // omega = 2 dq q*, world axes.
+    let angular = [
+        2.0 * (-dw * x + dx * w - dy * z + dz * y),
+        2.0 * (-dw * y + dy * w - dz * x + dx * z),
+        2.0 * (-dw * z + dz * w - dx * y + dy * x),
+    ];
+    let pose = Pose {
+        position_m: p.map(|c| c.0 as f32),
+        quaternion: [w, x, y, z].map(|c| c as f32),
+    };
+    let twist = Twist {
+        linear_m_s: p.map(|c| c.1 as f32),
+        angular_rad_s: angular.map(|c| c as f32),
+    };
+    Some((pose, twist))
+}
+
+/// Joint angles of a run from `from_s` on, the link side where measured; `None` where a joint was not measured.
+fn angles(run: &Run, from_s: f64, samples: usize) -> Option<Vec<f64>> {
+    let mut out = vec![0.0; samples * JOINTS];
+    for (k, j) in run.joints.iter().enumerate() {
+        let track = j.link.as_ref().or(j.position.as_ref())?;
+        let step = (run.length_s / track.t_s.len() as f64).max(0.005);
+        for i in 0..samples {
+            let t = from_s + i as f64 * PERIOD_S;
+            let line = track.line(t, (2.1 * step).min(0.05));
+            out[i * JOINTS + k] = line.map_or_else(|| track.at(t), |l| l.0);
+        }
+    }
+    Some(out)
+}
+
+/// Windows of `duration_s` every `every_s` over all runs that allow it. Without a base pose one window spans each run, from home.
+pub(super) fn cut(data: &Data, duration_s: f64, every_s: f64) -> Vec<Window> {
+    let mut out = Vec::new();
+    for (r, run) in data.runs.iter().enumerate() {
+        let (duration_s, mut from_s, end) = match &run.base {
+            Some(b) => (duration_s, b.t_s[0].max(0.0) + 0.05, b.t_s[b.t_s.len() - 1].min(run.length_s)),
+            None => (run.length_s, 0.0, run.length_s),
+        };
+        let samples = (duration_s / PERIOD_S).round() as usize + 1;
+        while from_s + duration_s <= end + 1e-9 {
+            let start = run.base.as_ref().and_then(|b| base_state(b, from_s));
+            if let Some(angles) = angles(run, from_s, samples)
+                && (start.is_some() || run.base.is_none())
+            {
+                out.push(Window {
+                    run: r,
+                    gait: run.gait,
+                    from_s,
+                    start,
+                    torques: vec![0.0; angles.len()],
+                    angles,
+                    duration_s,
+                });
+            }
+            from_s += every_s.min(duration_s);
+        }
+    }
+    out
+}
+
+impl Window {
+    /// Link angles after the maps.
+    fn mapped(&self, maps: &[LinkMap; JOINTS], order: &[usize; JOINTS]) -> Vec<f32> {
+        let one = |(i, _): (usize, &f64)| {
+            let from = i - i % JOINTS + order[i % JOINTS];
+            let (m, torque) = (&maps[i % JOINTS], self.torques[i]);
+            // Smooth in the load, as the play of the joint model.
+            let side = torque / 0.05;
+            let twist = m.flex * torque + m.play_rad * side / (1.0 + side.abs());
+            ((self.angles[from] - m.offset_rad) / m.ratio - twist) as f32
+        };
+        self.angles.iter().enumerate().map(one).collect()
+    }
+
+    /// The window as a trial.
+    pub(super) fn trial(
+        &self,
+        params: &Arc<Params>,
+        maps: &[LinkMap; JOINTS],
+        order: &[usize; JOINTS],
+    ) -> Trial {
+        let values = self.mapped(maps, order);
+        let start = match self.start {
+            None => Start::Home,
+            Some((base, twist)) => Start::State {
+                base,
+                twist,
+                angles_rad: values[..JOINTS].to_vec(),
+                speeds_rad_s: (0..JOINTS)
+                    .map(|k| (values[JOINTS + k] - values[k]) / PERIOD_S as f32)
+                    .collect(),
+            },
+        };
+        Trial {
+            params: Arc::clone(params),
+            start,
+            drive: Drive::LinkAngles {
+                period_s: PERIOD_S,
+                values_rad: Arc::from(values),
+            },
+            duration_s: self.duration_s,
+        }
+    }
+}
+
+/// Numerical settings of the windows.
+pub(super) fn options(motors: bool) -> Options {
+    Options {
+        sample_rate_hz: RATE_HZ,
+        record_motors: motors,
+        ..Options::default()
+    }
+}
+
+/// Runs trials on all threads.
+pub(super) fn run(trials: &[Trial], options: &Options) -> Vec<Outcome> {
+    let lanes = Level::detect().lanes();
+    let parts: Vec<Vec<Outcome>> = trials
+        .par_chunks(lanes)
+        .map(|part| physics::run(part, options).unwrap_or_default())
+        .collect();
+    parts.into_iter().flatten().collect()
+}
+
+/// Torque that the body needs on each joint along the measured motion, `[run][joint]` on a grid of `step_s`, smoothed; and the same
+/// stored in `windows`.
+pub(super) fn replay(
+    data: &Data,
+    windows: &mut [Window],
+    params: &Arc<Params>,
+    step_s: f64,
+) -> Vec<[Vec<f64>; JOINTS]> {
+    let maps = [LinkMap::default(); JOINTS];
+    let order = std::array::from_fn(|k| k);
+    let trials: Vec<Trial> = windows.iter().map(|w| w.trial(params, &maps, &order)).collect();
+    let outcomes = run(&trials, &options(true));
+    let mut sums: Vec<[Vec<(f64, f64)>; JOINTS]> = data
+        .runs
+        .iter()
+        .map(|r| std::array::from_fn(|_| vec![(0.0, 0.0); (r.length_s / PERIOD_S) as usize + 2]))
+        .collect();
+    for (w, o) in windows.iter_mut().zip(&outcomes) {
+        let n = o.torques_nm.len() / JOINTS;
+        // The first samples hold the blow of a state that fits the ground only to within the tracker's noise.
+        let skip = if w.start.is_some() { 4 } else { 0 };
+        for k in 0..JOINTS {
+            let torque: Vec<f64> = (0..n).map(|i| f64::from(o.torques_nm[i * JOINTS + k])).collect();
+            let smooth = smoothed(&torque, skip);
+            for (i, t) in smooth.iter().enumerate() {
+                if let Some(slot) = w.torques.get_mut(i * JOINTS + k) {
+                    *slot = *t;
+                }
+                let at = ((w.from_s / PERIOD_S).round() as usize) + i;
+                if i >= skip && t.is_finite() && let Some(s) = sums[w.run][k].get_mut(at) {
+                    s.0 += t;
+                    s.1 += 1.0;
+                }
+            }
+        }
+    }
+    let spread = |series: &Vec<(f64, f64)>, length_s: f64| {
+        let filled = fill(series);
+        let steps = (length_s / step_s) as usize + 3;
+        (0..steps)
+            .map(|i| {
+                let place = i as f64 * step_s / PERIOD_S;
+                let a = (place as usize).min(filled.len() - 1);
+                let b = (a + 1).min(filled.len() - 1);
+                filled[a] + (filled[b] - filled[a]) * (place - a as f64).min(1.0)
+            })
+            .collect::<Vec<f64>>()
+    };
+    data.runs
+        .iter()
+        .zip(&sums)
+        .map(|(r, s)| std::array::from_fn(|k| spread(&s[k], r.length_s)))
+        .collect()
+}
+
+/// Moving average over five samples (100 ms), from `skip` on.
+fn smoothed(v: &[f64], skip: usize) -> Vec<f64> {
+    (0..v.len())
+        .map(|i| {
+            let from = i.max(skip).saturating_sub(2).max(skip.min(v.len() - 1));
+            let to = (i.max(skip) + 3).min(v.len()).max(from + 1);
+            v[from..to].iter().sum::<f64>() / (to - from) as f64
+        })
+        .collect()
+}
+
+/// Means of a series of sums and counts; gaps take the last value before them.
+fn fill(series: &[(f64, f64)]) -> Vec<f64> {
+    let first = series.iter().find(|s| s.1 > 0.0).map_or(0.0, |s| s.0 / s.1);
+    let mut last = first;
+    series
+        .iter()
+        .map(|s| {
+            if s.1 > 0.0 {
+                last = s.0 / s.1;
+            }
+            last
+        })
+        .collect()
+}

@@ -1,0 +1,195 @@
+//! A stand-in for the robot: the physics crate at 1 ms with other contact settings, its joints either the engine's own or stepped
+//! here, noisy and quantised recordings as text.
+
+use std::fmt::Write as _;
+use std::sync::Arc;
+
+use files::dataset::{Manifest, Recording};
+use files::model::{Key, Model};
+use gap::math::Rng;
+use physics::{Drive, Options, Params, Start, Trial};
+
+/// Seconds between rows.
+const ROW_S: f64 = 0.01;
+/// Seconds between set-points.
+const TICK_S: f64 = 0.05;
+
+/// What a set holds.
+pub struct Plan {
+    pub gaits: usize,
+    pub repeats: usize,
+    pub seconds: f64,
+    pub seed: u64,
+    /// Base pose columns.
+    pub base: bool,
+    /// Torque columns.
+    pub effort: bool,
+    /// Link angle columns.
+    pub link: bool,
+}
+
+impl Default for Plan {
+    fn default() -> Self {
+        Self {
+            gaits: 6,
+            repeats: 1,
+            seconds: 10.0,
+            seed: 3,
+            base: true,
+            effort: true,
+            link: false,
+        }
+    }
+}
+
+/// Set-points of one run as sent, `[tick][joint]`.
+fn set_points(plan: &Plan, gait: usize) -> Vec<[f64; 6]> {
+    let mut rng = Rng::new(plan.seed * 1000 + gait as u64);
+    let shape: Vec<[f64; 3]> = (0..6)
+        .map(|_| [0.25 + 0.5 * rng.uniform(), 0.6 * (rng.uniform() - 0.5), std::f64::consts::TAU * rng.uniform()])
+        .collect();
+    (0..=(plan.seconds / TICK_S) as usize)
+        .map(|i| {
+            let t = i as f64 * TICK_S;
+            std::array::from_fn(|k| {
+                let [r, x, phase] = shape[k];
+                x + r * (1.0 - libm::exp(-2.0 * t)) * libm::sin(std::f64::consts::TAU * 0.2 * t + phase)
+            })
+        })
+        .collect()
+}
+
+/// How reality differs: the engine's model, and what happens to set-points on their way (joint, tick -> value).
+pub struct Reality {
+    pub model: Model,
+    pub path: Box<dyn Fn(&[[f64; 6]]) -> Vec<[f64; 6]>>,
+    /// Shifts the nominal parameters within their tolerances.
+    pub jitter: bool,
+}
+
+impl Default for Reality {
+    fn default() -> Self {
+        Self {
+            model: Model::hand_tuned(),
+            path: Box::new(|s| s.to_vec()),
+            jitter: true,
+        }
+    }
+}
+
+impl Reality {
+    pub fn with(change: impl FnOnce(&mut Model)) -> Self {
+        let mut out = Self::default();
+        change(&mut out.model);
+        out
+    }
+}
+
+fn jittered(reality: &Reality, seed: u64) -> Model {
+    let mut model = reality.model.clone();
+    let mut rng = Rng::new(seed ^ 0x7a11);
+    // Another contact law than the diagnosis assumes.
+    model.set(Key::Erp, 0.3).expect("in range");
+    model.set(Key::Cfm, 3e-5).expect("in range");
+    if reality.jitter {
+        let keys = [Key::IntraGain, Key::InterGain, Key::IntraTorque, Key::InterTorque, Key::IntraSpeed, Key::InterSpeed];
+        for key in keys.into_iter().chain(Key::MASSES) {
+            let p = model.parameter(key);
+            let value = p.value + p.tolerance * rng.normal().clamp(-2.0, 2.0) * 0.7;
+            model.set(key, value).expect("in range");
+        }
+    }
+    model
+}
+
+/// Simulates and writes the CSV of one run.
+fn csv(plan: &Plan, sent: &[[f64; 6]], outcome: &physics::Outcome, rng: &mut Rng) -> String {
+    let mut s = String::from("t_s");
+    for k in 0..6 {
+        let _ = write!(s, ",setpoint_rad_{k},position_rad_{k}");
+        if plan.effort {
+            let _ = write!(s, ",effort_nm_{k}");
+        }
+        if plan.link {
+            let _ = write!(s, ",link_position_rad_{k}");
+        }
+    }
+    if plan.base {
+        s.push_str(",base_x_m,base_y_m,base_z_m,base_qw,base_qx,base_qy,base_qz");
+    }
+    s.push('\n');
+    let rows = (plan.seconds / ROW_S) as usize;
+    for i in 0..rows {
+        let t = i as f64 * ROW_S;
+        let _ = write!(s, "{t:.3}");
+        let tick = ((t + 1e-6) / TICK_S) as usize;
+        for k in 0..6 {
+            let at = i * 6 + k;
+            let q = f64::from(outcome.encoders_rad[at]) + 2e-4 * rng.normal();
+            let _ = write!(s, ",{:.6},{:.4}", sent[tick][k], q);
+            if plan.effort {
+                let tau = f64::from(outcome.torques_nm[at]) + 0.03 * rng.normal();
+                let _ = write!(s, ",{tau:.3}");
+            }
+            if plan.link {
+                let _ = write!(s, ",{:.4}", f64::from(outcome.angles_rad[at]) + 2e-4 * rng.normal());
+            }
+        }
+        if plan.base {
+            let p = outcome.poses[i];
+            for x in p.position_m {
+                let _ = write!(s, ",{:.5}", f64::from(x) + 3e-4 * rng.normal());
+            }
+            for x in p.quaternion {
+                let _ = write!(s, ",{:.5}", f64::from(x) + 5e-4 * rng.normal());
+            }
+        }
+        s.push('\n');
+    }
+    s
+}
+
+/// The data set of a plan.
+pub fn record(plan: &Plan, reality: &Reality) -> (Manifest, Vec<Recording>) {
+    let params = Arc::new(Params::try_from(&jittered(reality, plan.seed)).expect("simulable"));
+    let options = Options {
+        time_step_s: 0.001,
+        sweeps: 30,
+        sample_rate_hz: 1.0 / ROW_S,
+        record_angles: true,
+        record_motors: true,
+        ..Options::default()
+    };
+    let mut text = String::from("format = 1\nrobot = \"metamodule\"\nname = \"stand-in\"\n");
+    let mut sent = Vec::new();
+    let mut trials = Vec::new();
+    for gait in 0..plan.gaits {
+        for repeat in 0..plan.repeats {
+            let _ = write!(text, "[[run]]\nfile = \"g{gait}r{repeat}.csv\"\ngait = \"g{gait}\"\n");
+            let points = set_points(plan, gait);
+            let mut rng = Rng::new(plan.seed + 77 * repeat as u64);
+            let values: Vec<f32> = (reality.path)(&points)
+                .iter()
+                .flatten()
+                // Repeats differ by a little of everything; here by the set-points' last bits of play.
+                .map(|x| (x + if plan.repeats > 1 { 5e-4 * rng.normal() } else { 0.0 }) as f32)
+                .collect();
+            trials.push(Trial {
+                params: Arc::clone(&params),
+                start: Start::Home,
+                drive: Drive::SetPoints { period_s: TICK_S, values_rad: Arc::from(values) },
+                duration_s: plan.seconds,
+            });
+            sent.push(points);
+        }
+    }
+    let (manifest, _) = Manifest::parse("dataset.toml", &text).expect("valid");
+    let outcomes = physics::run(&trials, &options).expect("runs");
+    let mut rng = Rng::new(plan.seed + 5);
+    let recordings = outcomes
+        .iter()
+        .zip(&sent)
+        .map(|(o, s)| Recording::parse("run.csv", &csv(plan, s, o, &mut rng), &manifest).expect("valid").0)
+        .collect();
+    (manifest, recordings)
+}
