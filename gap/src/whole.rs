@@ -5,13 +5,21 @@
 
 mod answer;
 mod body;
+mod body_library;
+mod camera;
 mod conventions;
 pub mod data;
+mod direct;
 mod found;
 mod joints;
+mod least;
+mod page;
+mod patch;
+mod predict;
 mod score;
 mod search;
 mod servo;
+mod terms;
 mod windows;
 
 use std::sync::Arc;
@@ -23,9 +31,11 @@ use rayon::prelude::*;
 
 use crate::verdict::Verdict;
 use crate::vocabulary::Effect;
+pub use camera::Film;
 use conventions::Conventions;
 use data::{Data, JOINTS};
 use joints::{Found, Tier};
+pub use predict::predict;
 use score::Score;
 
 /// Settings of a diagnosis.
@@ -81,24 +91,32 @@ fn split(data: &Data) -> (Vec<usize>, Vec<usize>, String) {
         );
     }
     // Every third gait is held out, beginning with the third.
-    let held = |r: &usize| gaits.iter().position(|g| *g == data.runs[*r].gait).is_some_and(|i| i % 3 == 2);
+    let held = |r: &usize| {
+        gaits
+            .iter()
+            .position(|g| *g == data.runs[*r].gait)
+            .is_some_and(|i| i % 3 == 2)
+    };
     let (score, fit) = usable.into_iter().partition(held);
     (fit, score, "every third gait held out".into())
 }
 
 /// A diagnosis.
 pub struct Diagnosis {
-    parts: Parts,
+    model: Model,
     verdict: Verdict,
+    joints: Vec<score::JointRow>,
 }
 
 /// Everything found, before it is put into words.
 struct Parts {
-    data: Data,
+    data: Arc<Data>,
     conventions: Conventions,
+    direct: Vec<direct::Reading>,
     split: String,
     joints: Vec<Found>,
     body: Option<body::Found>,
+    camera: Option<camera::Found>,
     /// Friction of the nominal ground.
     friction: f64,
 }
@@ -108,6 +126,38 @@ impl Diagnosis {
     #[must_use]
     pub fn verdict(&self) -> &Verdict {
         &self.verdict
+    }
+
+    /// The nominal model with the effects found switched on, those that the simulator has.
+    #[must_use]
+    pub fn patch(&self) -> Model {
+        patch::patched(&self.model, &self.verdict.effects)
+    }
+
+    /// The report as one page.
+    #[must_use]
+    pub fn html(&self) -> String {
+        page::html(&self.verdict, &self.joints)
+    }
+
+    /// Adds the error of whole runs, which no window restarts: nominal, and with the patch.
+    fn add_rollouts(&mut self, data: &Data, runs: &[usize], nominal: &Arc<Params>) {
+        let Ok(patched) = Params::try_from(&self.patch()).map(Arc::new) else {
+            return;
+        };
+        let mean = |params, which: usize| {
+            let v: Vec<f64> = predict::errors(data, runs, params)
+                .iter()
+                .map(|e| e[which])
+                .collect();
+            (!v.is_empty()).then(|| crate::math::mean(&v))
+        };
+        for (which, name) in [(0, "pose_rollout_rmse_m"), (1, "speed_error")] {
+            if let (Some(before), Some(after)) = (mean(nominal, which), mean(&patched, which)) {
+                let metrics = &mut self.verdict.metrics;
+                metrics.insert(name.into(), [before, before, after]);
+            }
+        }
     }
 
     /// The verdict, to add provenance.
@@ -123,45 +173,78 @@ impl Diagnosis {
 pub fn diagnose(
     manifest: &Manifest,
     recordings: &[Recording],
+    films: &[Film],
     model: &Model,
     settings: &Settings,
 ) -> Result<Diagnosis, WholeError> {
-    let data = Data::new(manifest, recordings);
+    let data = Arc::new(Data::new(manifest, recordings));
     let (fit_runs, score_runs, split) = split(&data);
     if fit_runs.is_empty() {
         return Err(WholeError::Nothing);
     }
-    let conventions = conventions::find(&data);
+    let mut conventions = conventions::find(&data);
+    let direct = direct::read(&data, &mut conventions, &settings.withhold);
     let params = Arc::new(Params::try_from(model)?);
     let body = body::Tier::new(&data, model, &params, &fit_runs)
         .map(|tier| body::diagnose(tier, &settings.withhold));
     // Loads on the joints come from the body as it was found to be.
-    let found = body.as_ref().map(|b| Arc::new(b.tier.params(&b.answer.last().theta)));
+    let found = body
+        .as_ref()
+        .map(|b| Arc::new(b.tier.params(&b.answer.last().theta)));
     let mut replayed = windows::cut(&data, 1.0, 0.9);
-    let loads = windows::replay(&data, &mut replayed, found.as_ref().unwrap_or(&params), servo::STEP_S);
+    let loads = windows::replay(
+        &data,
+        &mut replayed,
+        found.as_ref().unwrap_or(&params),
+        servo::STEP_S,
+    );
     let joints: Vec<Found> = (0..JOINTS)
         .into_par_iter()
         .filter_map(|k| {
             let tier = Tier::new(&data, model, k, &fit_runs, &conventions, &loads)?;
-            Some(joints::diagnose(tier, model, &conventions, &settings.withhold))
+            Some(joints::diagnose(
+                tier,
+                model,
+                &conventions,
+                &settings.withhold,
+            ))
         })
         .collect();
     if joints.is_empty() && body.is_none() {
         return Err(WholeError::Nothing);
     }
+    let camera = camera::Tier::new(&data, manifest, model, films, &fit_runs)
+        .map(|tier| camera::diagnose(tier, manifest, model, &settings.withhold));
+    let filmed = camera::Tier::new(&data, manifest, model, films, &score_runs);
     let mut scored = body::Tier::new(&data, model, &params, &score_runs);
     if let (Some(s), Some(b)) = (&mut scored, &body) {
         s.adopt(&b.tier);
     }
-    let score = Score::new(&data, &joints, scored.filter(|_| body.is_some()), &score_runs, &conventions, &loads);
+    let mut score = Score::new(
+        &data,
+        &joints,
+        scored.filter(|_| body.is_some()),
+        &score_runs,
+        &conventions,
+        &loads,
+    );
+    score.camera = filmed.filter(|_| camera.is_some());
     let parts = Parts {
         body,
+        camera,
         data,
         conventions,
+        direct,
         split,
         joints,
         friction: model.value(Key::Friction),
     };
-    let verdict = answer::verdict(&parts, &score, settings);
-    Ok(Diagnosis { parts, verdict })
+    let (verdict, joints) = answer::verdict(&parts, &score, settings);
+    let mut out = Diagnosis {
+        model: model.clone(),
+        verdict,
+        joints,
+    };
+    out.add_rollouts(&parts.data, &score_runs, &params);
+    Ok(out)
 }

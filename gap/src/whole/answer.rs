@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::found::{self, Item};
-use super::score::{Metrics, Score, State, bootstrap, unit};
+use super::score::{JointRow, Metrics, Score, State, bootstrap, unit};
 use super::{Parts, Settings, conventions, search};
 use crate::math;
 use crate::verdict::*;
@@ -28,6 +28,7 @@ pub(super) struct Scores {
     /// Alone and removed, by item.
     items: Vec<(Metrics, Metrics)>,
     primary: &'static str,
+    joints: Vec<JointRow>,
 }
 
 impl Scores {
@@ -35,6 +36,7 @@ impl Scores {
         let pick = |of: &dyn Fn(&search::Answer) -> Vec<f64>, conventions: bool| State {
             joints: d.joints.iter().map(|f| of(&f.answer)).collect(),
             body: d.body.as_ref().map_or_else(Vec::new, |b| of(&b.answer)),
+            camera: d.camera.as_ref().map_or_else(Vec::new, |c| of(&c.answer)),
             conventions,
         };
         let mut first = pick(&|a| a.nominal.clone(), false);
@@ -64,8 +66,16 @@ impl Scores {
                             removed.body.clone_from(&r.theta);
                         }
                     }
+                    found::Place::Camera(m) => {
+                        if let Some(c) = &d.camera {
+                            let (r, a) = &c.answer.removed_alone[m];
+                            alone.camera.clone_from(&a.theta);
+                            removed.camera.clone_from(&r.theta);
+                        }
+                    }
                     found::Place::Convention => removed = first.clone(),
-                    found::Place::Derived => {}
+                    // Its part of the model is outside the joints' laws.
+                    found::Place::Direct => {}
                 }
                 (score.metrics(&alone), score.metrics(&removed))
             })
@@ -76,6 +86,7 @@ impl Scores {
             after,
             items,
             primary: "position_rmse_rad",
+            joints: score.by_joint(&first, &last),
         };
         out.primary = out.choose();
         out
@@ -83,22 +94,38 @@ impl Scores {
 
     /// The metric that fell most; without effects the base pose where measured, else the angles.
     fn choose(&self) -> &'static str {
-        let order = ["pose_rmse_m", "position_rmse_rad", "effort_rmse_nm", "link_rmse_rad"];
+        let order = [
+            "pose_rmse_m",
+            "position_rmse_rad",
+            "effort_rmse_nm",
+            "link_rmse_rad",
+        ];
         let known = order.into_iter().filter(|n| self.before.contains_key(n));
         if self.items.is_empty() {
             return known.into_iter().next().unwrap_or("position_rmse_rad");
         }
         let fall = |n: &str| mean(&self.after, n) / mean(&self.before, n).max(1e-12);
-        known.min_by(|a, b| fall(a).total_cmp(&fall(b))).unwrap_or("position_rmse_rad")
+        known
+            .min_by(|a, b| fall(a).total_cmp(&fall(b)))
+            .unwrap_or("position_rmse_rad")
     }
 }
 
 fn floor(d: &Parts, score: &Score, metric: &str) -> (f64, bool) {
-    let spread: Vec<f64> = d.joints.iter().map(|f| f.tier.repeat_rad).filter(|x| x.is_finite()).collect();
+    let spread: Vec<f64> = d
+        .joints
+        .iter()
+        .map(|f| f.tier.repeat_rad)
+        .filter(|x| x.is_finite())
+        .collect();
     match metric {
         "pose_rmse_m" => (score.body.as_ref().map_or(0.0, |b| b.tolerance_m()), false),
         "effort_rmse_nm" => {
-            let own: Vec<f64> = d.joints.iter().map(|f| f.tier.torque_tolerance_nm()).collect();
+            let own: Vec<f64> = d
+                .joints
+                .iter()
+                .map(|f| f.tier.torque_tolerance_nm())
+                .collect();
             (math::mean(&own), false)
         }
         _ if !spread.is_empty() => (math::mean(&spread), true),
@@ -111,7 +138,11 @@ fn floor(d: &Parts, score: &Score, metric: &str) -> (f64, bool) {
 
 fn gap(d: &Parts, score: &Score, s: &Scores, settings: &Settings) -> Gap {
     let m = s.primary;
-    let (before, cal, after) = (mean(&s.before, m), mean(&s.calibrated, m), mean(&s.after, m));
+    let (before, cal, after) = (
+        mean(&s.before, m),
+        mean(&s.calibrated, m),
+        mean(&s.after, m),
+    );
     let (floor, repeats) = floor(d, score, m);
     let share = |a: f64, b: f64| if b > 0.0 { 1.0 - a / b } else { 0.0 };
     Gap {
@@ -125,8 +156,18 @@ fn gap(d: &Parts, score: &Score, s: &Scores, settings: &Settings) -> Gap {
         ci95_after: bootstrap(s.after.get(m).map_or(&[], |v| v), settings.seed),
         shrink: share(after, before),
         shrink_after_calibration: share(after, cal),
-        shrink_of_achievable: repeats.then(|| if before > floor { (before - after) / (before - floor) } else { 1.0 }),
-        held_out_runs: score.runs.iter().map(|r| d.data.runs[*r].name.clone()).collect(),
+        shrink_of_achievable: repeats.then(|| {
+            if before > floor {
+                (before - after) / (before - floor)
+            } else {
+                1.0
+            }
+        }),
+        held_out_runs: score
+            .runs
+            .iter()
+            .map(|r| d.data.runs[*r].name.clone())
+            .collect(),
     }
 }
 
@@ -145,7 +186,8 @@ fn falls(d: &Parts) -> Vec<Fall> {
         .joints
         .iter()
         .map(|f| (Some(f.tier.joint), &f.answer, Stage::Drivetrain))
-        .chain(d.body.iter().map(|b| (None, &b.answer, Stage::Body)));
+        .chain(d.body.iter().map(|b| (None, &b.answer, Stage::Body)))
+        .chain(d.camera.iter().map(|c| (None, &c.answer, Stage::Camera)));
     for (joint, a, rest) in tiers {
         let mut parts = Vec::new();
         let mut now = a.nominal_groups.clone();
@@ -154,12 +196,20 @@ fn falls(d: &Parts) -> Vec<Fall> {
             now = to.to_vec();
             parts.push((stage, joint, gained));
         };
-        let calibrated = if joint.is_some() { Stage::Driver } else { Stage::Body };
+        let calibrated = if joint.is_some() { Stage::Driver } else { rest };
         down(&a.steps[0].groups, calibrated, joint);
         let last = a.last();
         // What every effect gains in the final model, scaled to the whole fall.
-        let whole: Vec<f64> = now.iter().zip(&last.groups).map(|(x, y)| (x - y).max(0.0)).collect();
-        let gains: Vec<f64> = a.removed_alone.iter().map(|(r, _)| (r.cost - last.cost).max(1e-9)).collect();
+        let whole: Vec<f64> = now
+            .iter()
+            .zip(&last.groups)
+            .map(|(x, y)| (x - y).max(0.0))
+            .collect();
+        let gains: Vec<f64> = a
+            .removed_alone
+            .iter()
+            .map(|(r, _)| (r.cost - last.cost).max(1e-9))
+            .collect();
         let sum: f64 = gains.iter().sum();
         for (m, g) in last.members.iter().zip(&gains) {
             let c = &a.candidates[*m];
@@ -178,7 +228,7 @@ fn falls(d: &Parts) -> Vec<Fall> {
 }
 
 /// Shares of the gap by stage and joint; the remainder is placed where it is significant.
-fn places(d: &Parts, conventions: &[Item], settings: &Settings) -> Vec<Where> {
+fn places(d: &Parts, items: &[Item], settings: &Settings) -> Vec<Where> {
     let falls = falls(d);
     let mut rows: BTreeMap<(String, Option<usize>), Vec<f64>> = BTreeMap::new();
     let groups = falls.iter().map(|f| f.left.len()).max().unwrap_or(0);
@@ -197,15 +247,26 @@ fn places(d: &Parts, conventions: &[Item], settings: &Settings) -> Vec<Where> {
         };
         add(key, &f.left);
     }
-    for c in conventions.iter().filter(|i| matches!(i.place, found::Place::Convention)) {
-        add((Stage::Conventions.name().into(), c.joint), &vec![c.gain; groups]);
+    let told = |i: &&Item| matches!(i.place, found::Place::Convention | found::Place::Direct);
+    for c in items.iter().filter(told) {
+        add(
+            (c.effect.stage().name().into(), c.joint),
+            &vec![c.gain; groups],
+        );
     }
-    rows.entry(("unexplained".into(), None)).or_insert_with(|| vec![0.0; groups]);
-    let total = |pick: &dyn Fn(&[f64]) -> f64| rows.values().map(|v| pick(v)).sum::<f64>().max(1e-12);
+    rows.entry(("unexplained".into(), None))
+        .or_insert_with(|| vec![0.0; groups]);
+    let total =
+        |pick: &dyn Fn(&[f64]) -> f64| rows.values().map(|v| pick(v)).sum::<f64>().max(1e-12);
     let whole = total(&|v| v.iter().sum());
     let mut rng = math::Rng::new(settings.seed);
-    let draws: Vec<Vec<usize>> = (0..200).map(|_| (0..groups).map(|_| rng.index(groups)).collect()).collect();
-    let totals: Vec<f64> = draws.iter().map(|g| total(&|v| g.iter().map(|i| v[*i]).sum())).collect();
+    let draws: Vec<Vec<usize>> = (0..200)
+        .map(|_| (0..groups).map(|_| rng.index(groups)).collect())
+        .collect();
+    let totals: Vec<f64> = draws
+        .iter()
+        .map(|g| total(&|v| g.iter().map(|i| v[*i]).sum()))
+        .collect();
     let row = |(key, v): (&(String, Option<usize>), &Vec<f64>)| {
         let all: Vec<f64> = draws
             .iter()
@@ -220,7 +281,11 @@ fn places(d: &Parts, conventions: &[Item], settings: &Settings) -> Vec<Where> {
             ci95: [math::quantile(&all, 0.025), math::quantile(&all, 0.975)],
         }
     };
-    let mut out: Vec<Where> = rows.iter().map(row).filter(|w| w.share > 1e-4 || w.stage == "unexplained").collect();
+    let mut out: Vec<Where> = rows
+        .iter()
+        .map(row)
+        .filter(|w| w.share > 1e-4 || w.stage == "unexplained")
+        .collect();
     out.sort_by(|a, b| b.share.total_cmp(&a.share));
     let sum: f64 = out.iter().map(|w| w.share).sum();
     out.iter_mut().for_each(|w| w.share /= sum.max(1e-12));
@@ -230,7 +295,13 @@ fn places(d: &Parts, conventions: &[Item], settings: &Settings) -> Vec<Where> {
 /// Largest cost that a tier keeps, and the share of all excess that was explained.
 fn remainder(d: &Parts) -> (f64, f64) {
     let (mut worst, mut first, mut last) = (0.0f64, 0.0, 0.0);
-    for a in d.joints.iter().map(|f| &f.answer).chain(d.body.iter().map(|b| &b.answer)) {
+    for a in d
+        .joints
+        .iter()
+        .map(|f| &f.answer)
+        .chain(d.body.iter().map(|b| &b.answer))
+        .chain(d.camera.iter().map(|c| &c.answer))
+    {
         worst = worst.max(a.last().cost);
         first += (math::mean(&a.nominal_groups) - 1.0).max(0.0);
         last += (a.last().cost - 1.0).max(0.0);
@@ -256,10 +327,19 @@ fn probabilities(word: Word, worst: f64) -> Probabilities {
     match word {
         Word::None => {
             let unknown = 0.5 * logistic(6.0 * (beyond - 1.0));
-            Probabilities { none: 1.0 - unknown, unknown }
+            Probabilities {
+                none: 1.0 - unknown,
+                unknown,
+            }
         }
-        Word::Unknown => Probabilities { none: 0.01, unknown: logistic(2.0 * beyond).min(0.97) },
-        _ => Probabilities { none: 0.02, unknown: 0.4 * logistic(4.0 * (beyond - 1.5)) },
+        Word::Unknown => Probabilities {
+            none: 0.01,
+            unknown: logistic(2.0 * beyond).min(0.97),
+        },
+        _ => Probabilities {
+            none: 0.02,
+            unknown: 0.4 * logistic(4.0 * (beyond - 1.5)),
+        },
     }
 }
 
@@ -289,7 +369,12 @@ fn rows(items: &[Item], s: &Scores, p: Probabilities) -> Vec<EffectRow> {
                     .collect(),
                 gap_added_alone: mean(alone, s.primary),
                 gap_removed_from_full: mean(removed, s.primary),
-                kind: if item.effect.is_base() { "parametric" } else { "structural" }.into(),
+                kind: if item.effect.is_base() {
+                    "parametric"
+                } else {
+                    "structural"
+                }
+                .into(),
                 plausible: item.plausible,
             };
             (item.gain, row)
@@ -302,7 +387,12 @@ fn rows(items: &[Item], s: &Scores, p: Probabilities) -> Vec<EffectRow> {
 fn ambiguous(items: &[Item]) -> Vec<Ambiguous> {
     let mut out = Vec::new();
     for item in items {
-        let close: Vec<_> = item.rivals.iter().filter(|r| r.margin < MARGIN).take(2).collect();
+        let close: Vec<_> = item
+            .rivals
+            .iter()
+            .filter(|r| r.margin < MARGIN)
+            .take(2)
+            .collect();
         if close.is_empty() {
             continue;
         }
@@ -313,7 +403,11 @@ fn ambiguous(items: &[Item]) -> Vec<Ambiguous> {
             probability: weight,
         };
         let mut members = vec![member(item.effect, item.joint, 1.0)];
-        members.extend(close.iter().map(|r| member(r.effect, r.joint, libm::exp(-0.5 * r.margin * r.margin))));
+        members.extend(
+            close
+                .iter()
+                .map(|r| member(r.effect, r.joint, libm::exp(-0.5 * r.margin * r.margin))),
+        );
         let sum: f64 = members.iter().map(|m| m.probability).sum();
         members.iter_mut().for_each(|m| m.probability /= sum);
         let effects: Vec<Effect> = members.iter().map(|m| m.effect).collect();
@@ -351,7 +445,7 @@ fn sentence(word: Word, gap: &Gap, rows: &[EffectRow], place: &[Where]) -> Strin
 }
 
 /// The verdict.
-pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> Verdict {
+pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict, Vec<JointRow>) {
     let items = found::items(d);
     let s = Scores::new(d, score, &items);
     let gap = gap(d, score, &s, settings);
@@ -364,18 +458,39 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> Verdict 
     let metrics = s
         .before
         .keys()
-        .map(|k| ((*k).to_string(), [mean(&s.before, k), mean(&s.calibrated, k), mean(&s.after, k)]))
+        .map(|k| {
+            (
+                (*k).to_string(),
+                [
+                    mean(&s.before, k),
+                    mean(&s.calibrated, k),
+                    mean(&s.after, k),
+                ],
+            )
+        })
         .collect();
     let mut staircase = vec![
-        Stair { step: "before".into(), gap: gap.before },
-        Stair { step: "after calibration".into(), gap: gap.after_calibration },
+        Stair {
+            step: "before".into(),
+            gap: gap.before,
+        },
+        Stair {
+            step: "after calibration".into(),
+            gap: gap.after_calibration,
+        },
     ];
     for e in &effects {
         let joint = e.joint.map_or_else(String::new, |k| format!(" joint {k}"));
-        staircase.push(Stair { step: format!("{}{joint} alone", e.effect.name()), gap: e.gap_added_alone });
+        staircase.push(Stair {
+            step: format!("{}{joint} alone", e.effect.name()),
+            gap: e.gap_added_alone,
+        });
     }
-    staircase.push(Stair { step: "after".into(), gap: gap.after });
-    Verdict {
+    staircase.push(Stair {
+        step: "after".into(),
+        gap: gap.after,
+    });
+    let verdict = Verdict {
         schema: "rb.gap/1".into(),
         verdict: word,
         sentence: sentence(word, &gap, &effects, &place),
@@ -398,7 +513,8 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> Verdict 
             split: d.split.clone(),
             wall_time_s: 0.0,
         },
-    }
+    };
+    (verdict, s.joints)
 }
 
 /// Index of a permutation, for the effect `joint_order`.

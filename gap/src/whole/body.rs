@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use files::model::{Effect as ModelEffect, Key, Model};
+use files::model::{Effect as ModelEffect, Model};
 use physics::{Outcome, Params, Robot, Trial};
 
+use super::body_library::{candidates, coordinates};
 use super::data::{Data, JOINTS};
-use super::search::{Answer, Candidate, Coordinate, Evaluate, Limits, Search};
+use super::search::{Answer, Evaluate, Limits, Search};
 use super::windows::{self, LinkMap, PERIOD_S, Window};
 use crate::math;
 use crate::vocabulary::Effect;
@@ -48,7 +49,7 @@ pub(super) enum B {
     ConnectorPlay,
 }
 
-const BODY: usize = 16;
+pub(super) const BODY: usize = 16;
 /// Coordinates of joint `k`: offset, ratio, play, flex.
 pub(super) fn of_joint(k: usize, what: usize) -> usize {
     BODY + 4 * k + what
@@ -125,7 +126,12 @@ fn simulated(o: &Outcome, i: usize) -> Option<([f64; 3], [f64; 4])> {
 
 impl Tier {
     /// Windows of the runs `fit`; `None` without base poses or with a joint that was not measured.
-    pub(super) fn new(data: &Data, model: &Model, params: &Arc<Params>, fit: &[usize]) -> Option<Self> {
+    pub(super) fn new(
+        data: &Data,
+        model: &Model,
+        params: &Arc<Params>,
+        fit: &[usize],
+    ) -> Option<Self> {
         let mut all = windows::cut(data, WINDOW_S, WINDOW_S);
         all.retain(|w| data.runs[w.run].base.is_some() && fit.contains(&w.run));
         let thin = (all.len() as f64 * WINDOW_S / FIT_S).ceil().max(1.0) as usize;
@@ -137,7 +143,10 @@ impl Tier {
         let mut names: Vec<usize> = windows.iter().map(|w| w.gait).collect();
         names.sort_unstable();
         names.dedup();
-        let group = windows.iter().filter_map(|w| names.iter().position(|n| *n == w.gait)).collect();
+        let group = windows
+            .iter()
+            .filter_map(|w| names.iter().position(|n| *n == w.gait))
+            .collect();
         let mut out = Self {
             base: Params::clone(params),
             model: model.clone(),
@@ -179,7 +188,10 @@ impl Tier {
                 let measured = windows::base_state(base, at)?.0;
                 let start = windows::base_state(base, window.from_s)?.0;
                 let mp = measured.position_m.map(f64::from);
-                let way = (0..3).map(|k| (mp[k] - f64::from(start.position_m[k])).powi(2)).sum::<f64>().sqrt();
+                let way = (0..3)
+                    .map(|k| (mp[k] - f64::from(start.position_m[k])).powi(2))
+                    .sum::<f64>()
+                    .sqrt();
                 let mut tolerance = [0.0; 6];
                 for d in 0..3 {
                     let (pd, qd) = simulated(of(d), i)?;
@@ -193,7 +205,11 @@ impl Tier {
                     return None;
                 }
                 for (k, t) in tolerance.iter_mut().enumerate() {
-                    let model = if k < 3 { MODEL_M + MODEL_SHARE * way } else { MODEL_RAD };
+                    let model = if k < 3 {
+                        MODEL_M + MODEL_SHARE * way
+                    } else {
+                        MODEL_RAD
+                    };
                     *t = (*t + model * model).sqrt();
                 }
                 Some(Target {
@@ -217,7 +233,12 @@ impl Tier {
 
     /// Tolerance of the position at the end of a window, m: a disturbed start and another engine.
     pub(super) fn tolerance_m(&self) -> f64 {
-        let one = |t: &[Target; SAMPLES]| t[SAMPLES - 1].tolerance[..3].iter().map(|x| x * x).sum::<f64>();
+        let one = |t: &[Target; SAMPLES]| {
+            t[SAMPLES - 1].tolerance[..3]
+                .iter()
+                .map(|x| x * x)
+                .sum::<f64>()
+        };
         let all: Vec<f64> = self.targets.iter().map(one).collect();
         math::mean(&all).sqrt()
     }
@@ -284,7 +305,10 @@ impl Tier {
             play_rad: theta[of_joint(k, PLAY)],
             flex: theta[of_joint(k, FLEX)],
         });
-        self.windows.iter().map(|w| w.trial(&params, &maps, &self.order)).collect()
+        self.windows
+            .iter()
+            .map(|w| w.trial(&params, &maps, &self.order))
+            .collect()
     }
 
     /// Position and heading error at the end of every window, by group: RMS, m and rad.
@@ -350,85 +374,6 @@ impl Evaluate for Tier {
     }
 }
 
-fn coordinates(model: &Model) -> Vec<Coordinate> {
-    let tolerance = |k: Key| model.parameter(k).tolerance;
-    let c = |neutral: f64, sigma: f64, step: f64, range: [f64; 2]| Coordinate {
-        neutral,
-        sigma,
-        step,
-        range,
-    };
-    let mu = model.value(Key::Friction);
-    let mut out = vec![c(0.0, 0.0, 0.01, [0.0, 1.0]); BODY + 4 * JOINTS];
-    let mut set = |b: B, x: Coordinate| out[b as usize] = x;
-    set(B::Friction, c(1.0, tolerance(Key::Friction) / mu.max(1e-6), 0.1, [0.01, 10.0]));
-    set(B::Bounce, c(model.value(Key::Bounce), tolerance(Key::Bounce), 0.1, [0.0, 1.0]));
-    set(B::Erp, c(model.value(Key::Erp), tolerance(Key::Erp), 0.05, [0.01, 1.0]));
-    let mass = model.parameter(Key::Mass1);
-    set(B::Gradient, c(0.0, 0.7 * mass.tolerance / mass.value, 0.05, [-0.9, 0.9]));
-    set(B::AnisotropyCos, c(0.0, 0.0, 0.1, [-4.0, 4.0]));
-    set(B::AnisotropySin, c(0.0, 0.0, 0.1, [-4.0, 4.0]));
-    set(B::Torsion, c(0.0, 0.0, 0.003, [0.0, 1.0]));
-    set(B::Roll, c(0.0, 0.0, 0.01, [-1.0, 1.0]));
-    set(B::Pitch, c(0.0, 0.0, 0.01, [-1.0, 1.0]));
-    set(B::GroundGive, c(0.0, 0.0, 3e-5, [0.0, 0.1]));
-    set(B::GroundDamping, c(50.0, 0.0, 20.0, [1.0, 1e5]));
-    for b in [B::ComX, B::ComY, B::ComZ] {
-        set(b, c(0.0, 0.0, 0.005, [-0.3, 0.3]));
-    }
-    set(B::ConnectorGive, c(0.0, 0.0, 0.005, [0.0, 1.0]));
-    set(B::ConnectorPlay, c(0.0, 0.0, 0.005, [0.0, 0.5]));
-    for k in 0..JOINTS {
-        out[of_joint(k, OFFSET)] = c(0.0, 0.0, 0.01, [-7.0, 7.0]);
-        out[of_joint(k, RATIO)] = c(1.0, 0.0, 0.02, [-100.0, 100.0]);
-        out[of_joint(k, PLAY)] = c(0.0, 0.0, 0.01, [0.0, 1.0]);
-        out[of_joint(k, FLEX)] = c(0.0, 0.0, 0.01, [0.0, 10.0]);
-    }
-    out
-}
-
-fn candidate(effect: Effect, joint: Option<usize>, free: &[usize], starts: &[&[f64]]) -> Candidate {
-    Candidate {
-        effect,
-        joint,
-        free: free.to_vec(),
-        starts: starts.iter().map(|s| s.to_vec()).collect(),
-    }
-}
-
-fn candidates(tier: &Tier) -> Vec<Candidate> {
-    let b = |b: B| b as usize;
-    let give = [b(B::GroundGive), b(B::GroundDamping)];
-    let turn = [b(B::AnisotropyCos), b(B::AnisotropySin)];
-    let com = [b(B::ComX), b(B::ComY), b(B::ComZ)];
-    let mut out = vec![
-        candidate(Effect::GroundFriction, None, &[b(B::Friction)], &[&[0.3], &[0.6], &[1.7]]),
-        candidate(Effect::Restitution, None, &[b(B::Bounce)], &[&[0.05], &[0.9]]),
-        candidate(
-            Effect::FrictionAnisotropy,
-            None,
-            &turn,
-            &[&[0.5, 0.0], &[-0.5, 0.0], &[0.0, 0.5], &[0.0, -0.5]],
-        ),
-        candidate(Effect::TorsionalFriction, None, &[b(B::Torsion)], &[&[0.005], &[0.02]]),
-        candidate(Effect::GroundSlope, None, &[b(B::Roll), b(B::Pitch)], &[&[0.01, 0.01], &[-0.05, 0.05]]),
-        candidate(Effect::GroundCompliance, None, &give, &[&[1e-4, 50.0], &[5e-4, 50.0], &[2e-3, 30.0]]),
-        candidate(Effect::ComOffset, None, &com, &[&[0.005, 0.005, 0.005], &[-0.01, -0.01, -0.01]]),
-        candidate(Effect::ConnectorCompliance, None, &[b(B::ConnectorGive)], &[&[0.01], &[0.05]]),
-        candidate(Effect::ConnectorPlay, None, &[b(B::ConnectorPlay)], &[&[0.01], &[0.04]]),
-    ];
-    for k in 0..JOINTS {
-        let j = |what: usize| [of_joint(k, what)];
-        out.push(candidate(Effect::JointOffset, Some(k), &j(OFFSET), &[&[0.04], &[-0.04]]));
-        out.push(candidate(Effect::JointScale, Some(k), &j(RATIO), &[&[0.93], &[1.07]]));
-        if !tier.link_measured {
-            out.push(candidate(Effect::Backlash, Some(k), &j(PLAY), &[&[0.02], &[0.06]]));
-            out.push(candidate(Effect::Compliance, Some(k), &j(FLEX), &[&[0.02], &[0.1]]));
-        }
-    }
-    out
-}
-
 /// What was found about the body.
 pub(super) struct Found {
     pub(super) tier: Tier,
@@ -437,7 +382,7 @@ pub(super) struct Found {
 
 /// Order and signs that only the body shows: recorded and commanded in one convention, turned in another.
 fn conventions(tier: &mut Tier, theta: &[f64]) {
-    let cost = |tier: &Tier| super::search::cost(&tier.residuals(theta));
+    let cost = |tier: &Tier| super::least::cost(&tier.residuals(theta));
     let mut now = cost(tier);
     // Below this the windows fit; no order of joints is wrong.
     const WRONG: f64 = 4.0;
@@ -476,7 +421,7 @@ fn conventions(tier: &mut Tier, theta: &[f64]) {
 /// Diagnoses the body.
 pub(super) fn diagnose(mut tier: Tier, withhold: &[Effect]) -> Found {
     let coordinates = coordinates(&tier.model);
-    let mut candidates = candidates(&tier);
+    let mut candidates = candidates(tier.link_measured);
     candidates.retain(|c| !withhold.contains(&c.effect));
     let nominal: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
     conventions(&mut tier, &nominal);

@@ -20,6 +20,12 @@ pub(super) struct Conventions {
     pub(super) slope: [Option<f64>; JOINTS],
     /// Mean of angle less slope times set-point, rad.
     pub(super) offset_rad: [f64; JOINTS],
+    /// Set-points get lost or come unevenly ([`super::direct`]).
+    pub(super) uneven: [bool; JOINTS],
+    /// Torque per current over the nominal one ([`super::direct`]).
+    pub(super) per_ampere: [f64; JOINTS],
+    /// Speed at which the back-EMF takes all of the measured supply; infinite where not measured.
+    pub(super) no_load_rad_s: [f64; JOINTS],
 }
 
 /// Sums of a straight-line fit.
@@ -58,7 +64,13 @@ impl Sums {
 
 fn column(track: Option<&Track>, at_s: &[f64], lag_s: f64, hold: bool) -> Option<Vec<f64>> {
     let track = track?;
-    let one = |t: &f64| if hold { track.held(t - lag_s) } else { track.at(*t) };
+    let one = |t: &f64| {
+        if hold {
+            track.held(t - lag_s)
+        } else {
+            track.at(*t)
+        }
+    };
     Some(at_s.iter().map(one).collect())
 }
 
@@ -70,8 +82,11 @@ fn sums(data: &Data) -> [[Sums; JOINTS]; JOINTS] {
         if at.len() < 10 {
             continue;
         }
-        let sp: Vec<Option<Vec<f64>>> =
-            run.joints.iter().map(|j| column(j.command.as_ref(), &at, LAG_S, true)).collect();
+        let sp: Vec<Option<Vec<f64>>> = run
+            .joints
+            .iter()
+            .map(|j| column(j.command.as_ref(), &at, LAG_S, true))
+            .collect();
         for (j, tracks) in run.joints.iter().enumerate() {
             let Some(y) = column(tracks.position.as_ref(), &at, 0.0, false) else {
                 continue;
@@ -116,7 +131,10 @@ pub(super) fn find(data: &Data) -> Conventions {
     let s = sums(data);
     let identity: [usize; JOINTS] = std::array::from_fn(|k| k);
     let left = |order: &[usize; JOINTS]| -> f64 {
-        (0..JOINTS).filter(|j| s[*j][*j].n > 0.0).map(|j| s[order[j]][j].left()).sum()
+        (0..JOINTS)
+            .filter(|j| s[*j][*j].n > 0.0)
+            .map(|j| s[order[j]][j].left())
+            .sum()
     };
     let doubtful = (0..JOINTS).any(|j| s[j][j].yy > 1e-3 * s[j][j].n && s[j][j].left() > DOUBT);
     let mut order = identity;
@@ -131,6 +149,9 @@ pub(super) fn find(data: &Data) -> Conventions {
         order,
         slope: [None; JOINTS],
         offset_rad: [0.0; JOINTS],
+        uneven: [false; JOINTS],
+        per_ampere: [1.0; JOINTS],
+        no_load_rad_s: [f64::INFINITY; JOINTS],
     };
     for j in 0..JOINTS {
         let m = &s[order[j]][j];

@@ -76,6 +76,38 @@ impl Track {
         }
         Some(((sv * stt - st * stv) / det, (n * stv - st * sv) / det))
     }
+
+    /// Value and slope of a parabola through the samples within `half_s` of `t_s`; a line where there are too few.
+    #[must_use]
+    pub fn curve(&self, t_s: f64, half_s: f64) -> Option<(f64, f64)> {
+        let from = self.t_s.partition_point(|t| *t < t_s - half_s);
+        let to = self.t_s.partition_point(|t| *t <= t_s + half_s);
+        if to < from + 4 {
+            return self.line(t_s, half_s);
+        }
+        let mut a = [0.0; 9];
+        let mut b = [0.0; 3];
+        for (t, v) in self.t_s[from..to].iter().zip(&self.v[from..to]) {
+            // In units of the half width, so that the sums are of one size.
+            let d = (t - t_s) / half_s;
+            let row = [1.0, d, d * d];
+            for i in 0..3 {
+                b[i] += row[i] * v;
+                for j in 0..3 {
+                    a[3 * i + j] += row[i] * row[j];
+                }
+            }
+        }
+        let x = super::least::solve(&a, &b);
+        Some((x[0], x[1] / half_s))
+    }
+
+    /// Median time between samples, s.
+    #[must_use]
+    pub fn period_s(&self) -> f64 {
+        let d: Vec<f64> = self.t_s.windows(2).map(|w| w[1] - w[0]).collect();
+        crate::math::median(&d)
+    }
 }
 
 /// What one joint showed in one run.
@@ -93,6 +125,8 @@ pub struct JointTracks {
     pub effort: Option<Track>,
     /// Signed current, A.
     pub current: Option<Track>,
+    /// Speed as the driver reports it.
+    pub velocity: Option<Track>,
     /// Duty.
     pub duty: Option<Track>,
 }
@@ -164,6 +198,7 @@ fn joint_tracks(r: &Recording, k: usize) -> JointTracks {
         link: track(Signal::LinkPosition),
         effort: track(Signal::Effort),
         current: track(Signal::Current),
+        velocity: track(Signal::Velocity),
         duty: track(Signal::Duty),
     }
 }

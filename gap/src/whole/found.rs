@@ -2,8 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use super::answer::{MARGIN, permutation};
+use super::answer::permutation;
 use super::body::{self, B};
+use super::camera::C;
 use super::search::{Answer, Fit};
 use super::servo::{J, Nominal};
 use super::{Parts, Settings};
@@ -17,10 +18,12 @@ pub(super) enum Place {
     Joint(usize, usize),
     /// Member of the body's last step.
     Body(usize),
+    /// Member of the camera's last step.
+    Camera(usize),
     /// Order or sign, found before the fits.
     Convention,
-    /// Follows from several fits.
-    Derived,
+    /// Read off the signals without a simulation.
+    Direct,
 }
 
 /// A rival.
@@ -48,7 +51,11 @@ pub(super) struct Item {
 impl Item {
     /// Weight against its rivals.
     pub(super) fn certainty(&self) -> f64 {
-        let rest: f64 = self.rivals.iter().map(|r| libm::exp(-0.5 * r.margin * r.margin)).sum();
+        let rest: f64 = self
+            .rivals
+            .iter()
+            .map(|r| libm::exp(-0.5 * r.margin * r.margin))
+            .sum();
         1.0 / (1.0 + rest)
     }
 }
@@ -61,7 +68,11 @@ pub(super) fn unsigned(theta: &mut [f64]) {
 /// A number of an effect from coordinates.
 type Convert<'a> = Box<dyn Fn(&[f64]) -> f64 + 'a>;
 
-fn joint_parameters<'a>(effect: Effect, free: &[usize], n: &'a Nominal) -> Vec<(&'static str, Convert<'a>)> {
+fn joint_parameters<'a>(
+    effect: Effect,
+    free: &[usize],
+    n: &'a Nominal,
+) -> Vec<(&'static str, Convert<'a>)> {
     let get = |j: J| -> Convert<'a> { Box::new(move |t: &[f64]| t[j as usize]) };
     let slew = free.contains(&(J::Slew as usize));
     let hard = free.contains(&(J::DeadHard as usize));
@@ -72,64 +83,114 @@ fn joint_parameters<'a>(effect: Effect, free: &[usize], n: &'a Nominal) -> Vec<(
         Effect::ClockSkew => vec![("ratio", get(J::Skew))],
         Effect::Quantisation => vec![("step_rad", get(J::Quantum))],
         Effect::LoopGain => vec![("ratio", get(J::Gain))],
-        Effect::Deadband => vec![("half_width_rad", get(if hard { J::DeadHard } else { J::DeadSoft }))],
+        Effect::Deadband => vec![(
+            "half_width_rad",
+            get(if hard { J::DeadHard } else { J::DeadSoft }),
+        )],
         Effect::VelocityLimit if slew => vec![("limit_rad_s", get(J::Slew))],
         Effect::VelocityLimit => {
-            vec![("limit_rad_s", Box::new(|t: &[f64]| t[J::MaxSpeed as usize] * n.max_speed_rad_s))]
+            vec![(
+                "limit_rad_s",
+                Box::new(|t: &[f64]| t[J::MaxSpeed as usize] * n.max_speed_rad_s),
+            )]
         }
         Effect::FeedbackDelay => vec![("delay_s", get(J::FeedbackDelay))],
         Effect::MotorLag => vec![("time_constant_s", get(J::Lag))],
         Effect::TorqueLimit => {
-            vec![("limit_nm", Box::new(|t: &[f64]| t[J::MaxTorque as usize] * n.max_torque_nm))]
+            vec![(
+                "limit_nm",
+                Box::new(|t: &[f64]| t[J::MaxTorque as usize] * n.max_torque_nm),
+            )]
         }
-        Effect::MotorConstant => vec![("ratio", get(J::PerAmpere))],
+        Effect::CurrentLimit => vec![(
+            "limit_a",
+            Box::new(|t: &[f64]| {
+                t[J::MaxTorque as usize] * n.max_torque_nm / (n.nm_per_a * t[J::PerAmpere as usize])
+            }),
+        )],
         Effect::CoulombFriction => vec![("torque_nm", get(J::Coulomb))],
         Effect::ViscousFriction => vec![("nm_s_rad", get(J::Viscous))],
-        Effect::StribeckFriction => vec![("static_nm", get(J::Static)), ("velocity_rad_s", get(J::StribeckSpeed))],
+        Effect::StribeckFriction => vec![
+            ("static_nm", get(J::Static)),
+            ("velocity_rad_s", get(J::StribeckSpeed)),
+        ],
         Effect::LoadDependentFriction => vec![("fraction", get(J::LoadShare))],
         Effect::AsymmetricFriction => {
-            vec![("difference_nm", get(J::Asymmetry)), ("difference_nm_s_rad", get(J::AsymmetryViscous))]
+            vec![
+                ("difference_nm", get(J::Asymmetry)),
+                ("difference_nm_s_rad", get(J::AsymmetryViscous)),
+            ]
         }
         Effect::QuadraticFriction => vec![("nm_s2_rad2", get(J::Quadratic))],
         Effect::TorqueRipple => vec![
-            ("amplitude_nm", Box::new(|t: &[f64]| t[J::RippleSin as usize].hypot(t[J::RippleCos as usize]))),
+            (
+                "amplitude_nm",
+                Box::new(|t: &[f64]| t[J::RippleSin as usize].hypot(t[J::RippleCos as usize])),
+            ),
             ("periods", get(J::RipplePeriods)),
             (
                 "phase_rad",
-                Box::new(|t: &[f64]| libm::atan2(t[J::RippleCos as usize], t[J::RippleSin as usize])),
+                Box::new(|t: &[f64]| {
+                    libm::atan2(t[J::RippleCos as usize], t[J::RippleSin as usize])
+                }),
             ),
         ],
         Effect::Backlash => vec![("half_width_rad", get(J::Play))],
-        Effect::Compliance => vec![("stiffness_nm_rad", Box::new(|t: &[f64]| 1.0 / t[J::Flex as usize].max(1e-9)))],
+        Effect::Compliance => vec![(
+            "stiffness_nm_rad",
+            Box::new(|t: &[f64]| 1.0 / t[J::Flex as usize].max(1e-9)),
+        )],
         _ => Vec::new(),
     }
 }
 
-fn body_parameters(effect: Effect, joint: Option<usize>, mu: f64) -> Vec<(&'static str, Convert<'static>)> {
+fn body_parameters(
+    effect: Effect,
+    joint: Option<usize>,
+    mu: f64,
+) -> Vec<(&'static str, Convert<'static>)> {
     let get = |b: B| -> Convert<'static> { Box::new(move |t: &[f64]| t[b as usize]) };
-    let inverse = |i: usize| -> Convert<'static> { Box::new(move |t: &[f64]| 1.0 / t[i].max(1e-9)) };
+    let inverse =
+        |i: usize| -> Convert<'static> { Box::new(move |t: &[f64]| 1.0 / t[i].max(1e-9)) };
     let k = joint.unwrap_or(0);
-    let plain = |what: usize| -> Convert<'static> { Box::new(move |t: &[f64]| t[body::of_joint(k, what)]) };
+    let plain =
+        |what: usize| -> Convert<'static> { Box::new(move |t: &[f64]| t[body::of_joint(k, what)]) };
     match effect {
-        Effect::GroundFriction => vec![("coefficient", Box::new(move |t: &[f64]| mu * t[B::Friction as usize]))],
+        Effect::GroundFriction => vec![(
+            "coefficient",
+            Box::new(move |t: &[f64]| mu * t[B::Friction as usize]),
+        )],
         Effect::Restitution => vec![("coefficient", get(B::Bounce))],
         Effect::FrictionAnisotropy => vec![
             (
                 "ratio",
-                Box::new(|t: &[f64]| libm::exp(t[B::AnisotropyCos as usize].hypot(t[B::AnisotropySin as usize]))),
+                Box::new(|t: &[f64]| {
+                    libm::exp(t[B::AnisotropyCos as usize].hypot(t[B::AnisotropySin as usize]))
+                }),
             ),
             (
                 "direction_rad",
-                Box::new(|t: &[f64]| 0.5 * libm::atan2(t[B::AnisotropySin as usize], t[B::AnisotropyCos as usize])),
+                Box::new(|t: &[f64]| {
+                    0.5 * libm::atan2(t[B::AnisotropySin as usize], t[B::AnisotropyCos as usize])
+                }),
             ),
         ],
         Effect::TorsionalFriction => vec![("coefficient_m", get(B::Torsion))],
         Effect::GroundSlope => vec![("roll_rad", get(B::Roll)), ("pitch_rad", get(B::Pitch))],
         Effect::GroundCompliance => {
-            vec![("stiffness_n_m", inverse(B::GroundGive as usize)), ("damping_n_s_m", get(B::GroundDamping))]
+            vec![
+                ("stiffness_n_m", inverse(B::GroundGive as usize)),
+                ("damping_n_s_m", get(B::GroundDamping)),
+            ]
         }
-        Effect::ComOffset => vec![("x_m", get(B::ComX)), ("y_m", get(B::ComY)), ("z_m", get(B::ComZ))],
-        Effect::ConnectorCompliance => vec![("stiffness_nm_rad", inverse(B::ConnectorGive as usize))],
+        Effect::ComOffset => vec![
+            ("x_m", get(B::ComX)),
+            ("y_m", get(B::ComY)),
+            ("z_m", get(B::ComZ)),
+        ],
+        Effect::ConnectorCompliance => {
+            vec![("stiffness_nm_rad", inverse(B::ConnectorGive as usize))]
+        }
         Effect::ConnectorPlay => vec![("half_width_rad", get(B::ConnectorPlay))],
         Effect::JointOffset => vec![("offset_rad", plain(body::OFFSET))],
         Effect::JointScale => vec![("ratio", plain(body::RATIO))],
@@ -139,8 +200,23 @@ fn body_parameters(effect: Effect, joint: Option<usize>, mu: f64) -> Vec<(&'stat
     }
 }
 
+fn camera_parameters(effect: Effect) -> Vec<(&'static str, Convert<'static>)> {
+    let get = |c: C| -> Convert<'static> { Box::new(move |t: &[f64]| t[c as usize]) };
+    match effect {
+        Effect::CameraHeight => vec![("value_m", get(C::Height))],
+        Effect::CameraOffset => vec![("x_m", get(C::X)), ("y_m", get(C::Y))],
+        Effect::CameraYaw => vec![("angle_rad", get(C::Yaw))],
+        Effect::CameraTimeShift => vec![("shift_s", get(C::Shift))],
+        _ => Vec::new(),
+    }
+}
+
 /// Values with intervals: each number moved by every free coordinate's deviation.
-fn estimates(parameters: &[(&'static str, Convert<'_>)], free: &[usize], fit: &Fit) -> BTreeMap<String, Estimate> {
+fn estimates(
+    parameters: &[(&'static str, Convert<'_>)],
+    free: &[usize],
+    fit: &Fit,
+) -> BTreeMap<String, Estimate> {
     let one = |(key, f): &(&'static str, Convert<'_>)| {
         let value = f(&fit.theta);
         let mut square = 0.0;
@@ -154,7 +230,13 @@ fn estimates(parameters: &[(&'static str, Convert<'_>)], free: &[usize], fit: &F
             square += half * half;
         }
         let half = 1.96 * square.sqrt();
-        ((*key).to_string(), Estimate { value, ci95: [value - half, value + half] })
+        (
+            (*key).to_string(),
+            Estimate {
+                value,
+                ci95: [value - half, value + half],
+            },
+        )
     };
     parameters.iter().map(one).collect()
 }
@@ -164,14 +246,21 @@ fn margin(ratio: f64, independent: f64) -> f64 {
     (independent * libm::log(ratio.max(1.0))).sqrt()
 }
 
-fn members(a: &Answer, place: impl Fn(usize) -> Place, convert: impl Fn(&super::search::Candidate) -> BTreeMap<String, Estimate>) -> Vec<Item> {
+fn members(
+    a: &Answer,
+    place: impl Fn(usize) -> Place,
+    convert: impl Fn(&super::search::Candidate) -> BTreeMap<String, Estimate>,
+) -> Vec<Item> {
     let last = a.last();
     let one = |(m, c): (usize, &usize)| {
         let candidate = &a.candidates[*c];
         let mut rivals: Vec<Rival> = Vec::new();
         for r in &a.rivals[m] {
             let x = &a.candidates[r.candidate];
-            if rivals.iter().all(|k| (k.effect, k.joint) != (x.effect, x.joint)) {
+            if rivals
+                .iter()
+                .all(|k| (k.effect, k.joint) != (x.effect, x.joint))
+            {
                 rivals.push(Rival {
                     effect: x.effect,
                     joint: x.joint,
@@ -195,17 +284,57 @@ fn members(a: &Answer, place: impl Fn(usize) -> Place, convert: impl Fn(&super::
 /// Everything found.
 pub(super) fn items(d: &Parts) -> Vec<Item> {
     let mut out = conventions(d);
+    out.extend(d.direct.iter().map(|r| Item {
+        effect: r.effect,
+        joint: r.joint,
+        parameters: BTreeMap::from([(r.key.to_string(), r.estimate.clone())]),
+        gain: r.gain,
+        rivals: Vec::new(),
+        place: Place::Direct,
+        plausible: true,
+    }));
     for (at, f) in d.joints.iter().enumerate() {
         let last = f.answer.last();
-        out.extend(members(&f.answer, |m| Place::Joint(at, m), |c| {
-            estimates(&joint_parameters(c.effect, &c.free, &f.tier.nominal), &c.free, last)
-        }));
+        out.extend(members(
+            &f.answer,
+            |m| Place::Joint(at, m),
+            |c| {
+                estimates(
+                    &joint_parameters(c.effect, &c.free, &f.tier.nominal),
+                    &c.free,
+                    last,
+                )
+            },
+        ));
     }
     if let Some(b) = &d.body {
         let last = b.answer.last();
         out.extend(members(&b.answer, Place::Body, |c| {
-            estimates(&body_parameters(c.effect, c.joint, d.friction), &c.free, last)
+            estimates(
+                &body_parameters(c.effect, c.joint, d.friction),
+                &c.free,
+                last,
+            )
         }));
+    }
+    if let Some(c) = &d.camera {
+        let last = c.answer.last();
+        out.extend(members(&c.answer, Place::Camera, |x| {
+            estimates(&camera_parameters(x.effect), &x.free, last)
+        }));
+        if let Some((p, deviation)) = c.tier.drops() {
+            let half = 1.96 * deviation;
+            let estimate = Estimate {
+                value: p,
+                ci95: [p - half, p + half],
+            };
+            out.push(Item {
+                parameters: BTreeMap::from([("probability".to_string(), estimate)]),
+                gain: (p / deviation.max(1e-6)).powi(2).min(1e3),
+                place: Place::Direct,
+                ..convention(Effect::FrameDrop, None, "probability", p)
+            });
+        }
     }
     out
 }
@@ -214,7 +343,13 @@ fn convention(effect: Effect, joint: Option<usize>, key: &str, value: f64) -> It
     Item {
         effect,
         joint,
-        parameters: BTreeMap::from([(key.to_string(), Estimate { value, ci95: [value, value] })]),
+        parameters: BTreeMap::from([(
+            key.to_string(),
+            Estimate {
+                value,
+                ci95: [value, value],
+            },
+        )]),
         // Far above anything that a fit gains; a wrong order outweighs all.
         gain: 1e4,
         rivals: Vec::new(),
@@ -230,7 +365,12 @@ fn conventions(d: &Parts) -> Vec<Item> {
     let body = d.body.as_ref();
     let orders = [Some(d.conventions.order), body.map(|b| b.tier.order)];
     for order in orders.into_iter().flatten().filter(|o| *o != identity) {
-        out.push(convention(Effect::JointOrder, None, "permutation", permutation(&order)));
+        out.push(convention(
+            Effect::JointOrder,
+            None,
+            "permutation",
+            permutation(&order),
+        ));
     }
     for k in 0..6 {
         let command = d.conventions.slope[k].is_some_and(|s| s < 0.0);
@@ -245,7 +385,11 @@ fn conventions(d: &Parts) -> Vec<Item> {
 /// What would separate a class.
 pub(super) fn separate_by(effects: &[Effect]) -> &'static str {
     let has = |e: Effect| effects.contains(&e);
-    if has(Effect::Latency) || has(Effect::LoopGain) || has(Effect::FeedbackDelay) || has(Effect::MotorLag) {
+    if has(Effect::Latency)
+        || has(Effect::LoopGain)
+        || has(Effect::FeedbackDelay)
+        || has(Effect::MotorLag)
+    {
         "record applied_setpoint_rad as the driver echoes it, and a chirp up to 1 Hz in the air"
     } else if has(Effect::Backlash) || has(Effect::Compliance) || has(Effect::Deadband) {
         "record link_position_rad, and slow reversals under load"
@@ -262,10 +406,23 @@ pub(super) fn separate_by(effects: &[Effect]) -> &'static str {
 
 /// The next experiment.
 pub(super) fn next(classes: &[Ambiguous], word: Word) -> Option<NextExperiment> {
-    let make = |text: String, separates: Vec<Effect>| Some(NextExperiment { text, separates, gait: None });
+    let make = |text: String, separates: Vec<Effect>| {
+        Some(NextExperiment {
+            text,
+            separates,
+            gait: None,
+        })
+    };
     if let Some(c) = classes.first() {
-        let joint = c.members.first().and_then(|m| m.joint).map_or_else(String::new, |k| format!(" (joint {k})"));
-        return make(format!("To tell these apart{joint}: {}.", c.separate_by), c.effects.clone());
+        let joint = c
+            .members
+            .first()
+            .and_then(|m| m.joint)
+            .map_or_else(String::new, |k| format!(" (joint {k})"));
+        return make(
+            format!("To tell these apart{joint}: {}.", c.separate_by),
+            c.effects.clone(),
+        );
     }
     match word {
         Word::Unknown => make(
@@ -281,7 +438,10 @@ pub(super) fn unseen(d: &Parts, settings: &Settings) -> Vec<Unseen> {
     let torque = d.joints.iter().any(|f| f.tier.torque);
     let found = items(d);
     let mut out = Vec::new();
-    for e in Effect::ALL.iter().filter(|e| !settings.withhold.contains(e)) {
+    for e in Effect::ALL
+        .iter()
+        .filter(|e| !settings.withhold.contains(e))
+    {
         if found.iter().any(|i| i.effect == *e) {
             continue;
         }
@@ -290,6 +450,7 @@ pub(super) fn unseen(d: &Parts, settings: &Settings) -> Vec<Unseen> {
             .iter()
             .map(|f| &f.answer)
             .chain(d.body.iter().map(|b| &b.answer))
+            .chain(d.camera.iter().map(|c| &c.answer))
             .any(|a| a.candidates.iter().any(|c| c.effect == *e));
         let why = match e {
             Effect::JointOrder | Effect::JointSign => continue,
@@ -305,15 +466,21 @@ pub(super) fn unseen(d: &Parts, settings: &Settings) -> Vec<Unseen> {
                 "a servo that is strong enough hides it; record effort_nm or current_a"
             }
             _ if known => continue,
-            Effect::GravityLoad | Effect::Inertia => "on the ground several contacts share a joint's load; a bench run of that joint shows it",
-            Effect::Mass => "the same mass everywhere moves the robot the same way; needs effort_nm",
+            Effect::GravityLoad | Effect::Inertia => {
+                "on the ground several contacts share a joint's load; a bench run of that joint shows it"
+            }
+            Effect::Mass => {
+                "the same mass everywhere moves the robot the same way; needs effort_nm"
+            }
             _ if d.body.is_none() && e.stage() == crate::vocabulary::Stage::Body => {
                 "no run has the base pose and all six positions"
             }
             _ => "no signal of this data set shows it, or the model holds no nominal value for it",
         };
-        out.push(Unseen { effect: *e, why: why.into() });
+        out.push(Unseen {
+            effect: *e,
+            why: why.into(),
+        });
     }
-    debug_assert!(MARGIN > 0.0);
     out
 }

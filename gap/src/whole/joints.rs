@@ -48,8 +48,12 @@ pub(super) struct Tier {
 }
 
 /// Rated figures of the two motors (paper, Table I): no-load speed at 12 V gives torque per current at the output.
-fn nm_per_a(k: usize) -> f64 {
-    if INTER.contains(&k) { 12.0 / 2.032 } else { 12.0 / 2.786 }
+pub(super) fn nm_per_a(k: usize) -> f64 {
+    if INTER.contains(&k) {
+        12.0 / 2.032
+    } else {
+        12.0 / 2.786
+    }
 }
 
 pub(super) fn nominal(model: &Model, k: usize) -> Nominal {
@@ -63,6 +67,7 @@ pub(super) fn nominal(model: &Model, k: usize) -> Nominal {
         gain_per_s: gain,
         max_speed_rad_s: speed,
         max_torque_nm: torque,
+        no_load_rad_s: f64::INFINITY,
         nm_per_a: nm_per_a(k),
     }
 }
@@ -84,8 +89,13 @@ pub(super) fn prepare(
 ) -> Option<JointRun> {
     let tracks = &run.joints[k];
     let sent = run.joints[conventions.order[k]].command.as_ref();
-    // Applied set-points belong to the joint whatever the order of the sent ones.
-    let command = tracks.applied.as_ref().or(sent)?;
+    // Applied set-points are known to a row only; they are taken where sent ones get lost or come unevenly.
+    let applied = tracks.applied.as_ref();
+    let command = if conventions.uneven[k] {
+        applied.or(sent)?
+    } else {
+        sent.or(applied)?
+    };
     let current = tracks.current.as_ref().map(|c| scaled(c, nominal.nm_per_a));
     let effort = tracks.effort.as_ref().or(current.as_ref());
     let position = tracks.position.as_ref()?;
@@ -111,12 +121,20 @@ fn repeat_spread(data: &Data, k: usize) -> f64 {
             all.push(math::rms(&d) / 2.0_f64.sqrt());
         }
     }
-    if all.is_empty() { f64::NAN } else { math::median(&all) }
+    if all.is_empty() {
+        f64::NAN
+    } else {
+        math::median(&all)
+    }
 }
 
 /// Fast noise from second differences.
 fn noise(track: &Track) -> f64 {
-    let d: Vec<f64> = track.v.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).abs()).collect();
+    let d: Vec<f64> = track
+        .v
+        .windows(3)
+        .map(|w| (w[0] - 2.0 * w[1] + w[2]).abs())
+        .collect();
     math::median(&d) / (0.6745 * 6.0_f64.sqrt())
 }
 
@@ -135,7 +153,10 @@ impl Tier {
         conventions: &Conventions,
         loads: &[[Vec<f64>; JOINTS]],
     ) -> Option<Self> {
-        let nominal = nominal(model, k);
+        let nominal = Nominal {
+            no_load_rad_s: conventions.no_load_rad_s[k],
+            ..nominal(model, k)
+        };
         let total: f64 = fit.iter().map(|r| data.runs[*r].length_s).sum();
         let thin = (total / FIT_S).ceil().max(1.0) as usize;
         let mut seen = vec![0usize; data.gaits.len()];
@@ -151,10 +172,13 @@ impl Tier {
                 continue;
             }
             if let Some(j) = prepare(run, k, conventions, &nominal, &loads[*r][k]) {
-                let g = names.iter().position(|n| *n == run.gait).unwrap_or_else(|| {
-                    names.push(run.gait);
-                    names.len() - 1
-                });
+                let g = names
+                    .iter()
+                    .position(|n| *n == run.gait)
+                    .unwrap_or_else(|| {
+                        names.push(run.gait);
+                        names.len() - 1
+                    });
                 group.push(g);
                 runs.push(j);
             }
@@ -162,7 +186,10 @@ impl Tier {
         if runs.is_empty() {
             return None;
         }
-        let position: Vec<f64> = runs.iter().flat_map(|r| servo::values(&r.position)).collect();
+        let position: Vec<f64> = runs
+            .iter()
+            .flat_map(|r| servo::values(&r.position))
+            .collect();
         let fast: Vec<f64> = data
             .runs
             .iter()
@@ -170,7 +197,11 @@ impl Tier {
             .map(noise)
             .collect();
         let repeat_rad = repeat_spread(data, k);
-        let floor = if repeat_rad.is_finite() { repeat_rad } else { 0.0 };
+        let floor = if repeat_rad.is_finite() {
+            repeat_rad
+        } else {
+            0.0
+        };
         let tolerance_rad = floor
             .max(math::median(&fast))
             .hypot(MODEL_ERROR * spread(&position))
@@ -179,8 +210,16 @@ impl Tier {
         let twist: Vec<f64> = runs.iter().flat_map(|r| servo::values(&r.twist)).collect();
         let weight = [
             1.0 / tolerance_rad,
-            if torque.is_empty() { 0.0 } else { 1.0 / (LOAD_ERROR * spread(&torque)).max(0.01) },
-            if twist.is_empty() { 0.0 } else { 1.0 / (2.0_f64.sqrt() * tolerance_rad) },
+            if torque.is_empty() {
+                0.0
+            } else {
+                1.0 / (LOAD_ERROR * spread(&torque)).max(0.01)
+            },
+            if twist.is_empty() {
+                0.0
+            } else {
+                1.0 / (2.0_f64.sqrt() * tolerance_rad)
+            },
         ];
         Some(Self {
             joint: k,
@@ -193,7 +232,7 @@ impl Tier {
             repeat_rad,
             torque: !torque.is_empty(),
             ampere: !data.has(k, |j| j.effort.is_some()),
-            applied: data.has(k, |j| j.applied.is_some()),
+            applied: conventions.uneven[k] || !data.has(k, |j| j.command.is_some()),
         })
     }
 
@@ -213,7 +252,11 @@ impl Tier {
 
     /// Tolerance of torques, N m.
     pub(super) fn torque_tolerance_nm(&self) -> f64 {
-        if self.weight[1] > 0.0 { 1.0 / self.weight[1] } else { 0.0 }
+        if self.weight[1] > 0.0 {
+            1.0 / self.weight[1]
+        } else {
+            0.0
+        }
     }
 }
 
@@ -228,9 +271,10 @@ impl Evaluate for Tier {
             group.extend(servo::errors(&trace.position, &run.position).map(|e| e * self.weight[0]));
             if self.weight[1] > 0.0 {
                 let w = self.weight[1];
-                let errors = servo::errors(&trace.effort, &run.effort).zip(servo::values(&run.effort));
-                // Measured current times the fitted torque per ampere.
-                group.extend(errors.map(|(e, m)| w * (e + m * (1.0 - per_ampere))));
+                let errors =
+                    servo::errors(&trace.effort, &run.effort).zip(servo::values(&run.effort));
+                // In units of the measured current times the nominal torque per ampere.
+                group.extend(errors.map(|(e, m)| w * ((e + m) / per_ampere - m)));
             }
             if self.weight[2] > 0.0 {
                 group.extend(servo::errors(&trace.twist, &run.twist).map(|e| e * self.weight[2]));
@@ -252,9 +296,19 @@ fn coordinate(neutral: f64, sigma: f64, step: f64, range: [f64; 2]) -> Coordinat
 /// The coordinates of joint `k` with the tolerances of `model` as priors.
 pub(super) fn coordinates(model: &Model, k: usize, applied: bool, ampere: bool) -> Vec<Coordinate> {
     let keys = if INTER.contains(&k) {
-        [Key::InterGain, Key::InterSpeed, Key::InterTorque, Key::InterDamping]
+        [
+            Key::InterGain,
+            Key::InterSpeed,
+            Key::InterTorque,
+            Key::InterDamping,
+        ]
     } else {
-        [Key::IntraGain, Key::IntraSpeed, Key::IntraTorque, Key::IntraDamping]
+        [
+            Key::IntraGain,
+            Key::IntraSpeed,
+            Key::IntraTorque,
+            Key::IntraDamping,
+        ]
     };
     let relative = |key: Key| {
         let p = model.parameter(key);
@@ -267,8 +321,19 @@ pub(super) fn coordinates(model: &Model, k: usize, applied: bool, ampere: bool) 
     let ratio = [0.02, 50.0];
     set(J::Gain, coordinate(1.0, relative(keys[0]), 0.02, ratio));
     set(J::MaxSpeed, coordinate(1.0, relative(keys[1]), 0.02, ratio));
-    set(J::MaxTorque, coordinate(1.0, relative(keys[2]), 0.02, ratio));
-    set(J::Viscous, coordinate(damping.value, damping.tolerance.max(1e-3), 0.02, [0.0, 50.0]));
+    set(
+        J::MaxTorque,
+        coordinate(1.0, relative(keys[2]), 0.02, ratio),
+    );
+    set(
+        J::Viscous,
+        coordinate(
+            damping.value,
+            damping.tolerance.max(1e-3),
+            0.02,
+            [0.0, 50.0],
+        ),
+    );
     set(J::Droop, coordinate(0.0, DROOP, 0.004, [0.0, 2.0]));
     set(J::Delay, coordinate(0.0, timing, 0.002, [-0.05, 3.0]));
     set(J::Skew, coordinate(1.0, 0.0, 2e-4, [0.5, 2.0]));
@@ -285,7 +350,10 @@ pub(super) fn coordinates(model: &Model, k: usize, applied: bool, ampere: bool) 
     set(J::StribeckSpeed, coordinate(0.05, 0.0, 0.005, [0.002, 5.0]));
     set(J::LoadShare, coordinate(0.0, 0.0, 0.02, [0.0, 0.95]));
     set(J::Asymmetry, coordinate(0.0, 0.0, 0.03, [-20.0, 20.0]));
-    set(J::AsymmetryViscous, coordinate(0.0, 0.0, 0.03, [-20.0, 20.0]));
+    set(
+        J::AsymmetryViscous,
+        coordinate(0.0, 0.0, 0.03, [-20.0, 20.0]),
+    );
     set(J::Quadratic, coordinate(0.0, 0.0, 0.02, [0.0, 20.0]));
     set(J::RippleSin, coordinate(0.0, 0.0, 0.02, [-20.0, 20.0]));
     set(J::RippleCos, coordinate(0.0, 0.0, 0.02, [-20.0, 20.0]));
@@ -294,17 +362,27 @@ pub(super) fn coordinates(model: &Model, k: usize, applied: bool, ampere: bool) 
     set(J::Load, coordinate(1.0, 0.3, 0.03, [-5.0, 20.0]));
     set(J::Play, coordinate(0.0, 0.0, 0.001, [0.0, 1.0]));
     set(J::Flex, coordinate(0.0, 0.0, 0.001, [0.0, 10.0]));
-    // Motor constants of one type vary by some per cent.
-    set(J::PerAmpere, coordinate(1.0, if ampere { 0.07 } else { 0.0 }, 0.02, ratio));
+    // Motor constants of one type vary by some per cent; see `direct` for larger differences.
+    set(
+        J::PerAmpere,
+        coordinate(1.0, if ampere { 0.03 } else { 0.0 }, 0.02, ratio),
+    );
     out
 }
 
 fn grid(from: f64, ratio: f64, count: u32) -> Vec<f64> {
-    (0..count).map(|i| from * libm::pow(ratio, f64::from(i))).collect()
+    (0..count)
+        .map(|i| from * libm::pow(ratio, f64::from(i)))
+        .collect()
 }
 
 fn one(effect: Effect, joint: usize, j: J, starts: &[f64]) -> Candidate {
-    many(effect, joint, &[j], &starts.iter().map(|s| vec![*s]).collect::<Vec<_>>())
+    many(
+        effect,
+        joint,
+        &[j],
+        &starts.iter().map(|s| vec![*s]).collect::<Vec<_>>(),
+    )
 }
 
 fn many(effect: Effect, joint: usize, free: &[J], starts: &[Vec<f64>]) -> Candidate {
@@ -322,7 +400,13 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
     let n = tier.nominal;
     let slope = conventions.slope[k].unwrap_or(1.0);
     let offset = conventions.offset_rad[k];
-    let speed = math::median(&tier.runs.iter().map(JointRun::busy_rad_s).collect::<Vec<_>>());
+    let speed = math::median(
+        &tier
+            .runs
+            .iter()
+            .map(JointRun::busy_rad_s)
+            .collect::<Vec<_>>(),
+    );
     let fraction = (speed / n.max_speed_rad_s).clamp(0.05, 1.0);
     let mut out = vec![
         one(Effect::JointScale, k, J::Scale, &[slope, 0.95, 1.05]),
@@ -342,9 +426,15 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
             J::Slew,
             &[0.9 * speed, 0.6 * speed, 0.3 * speed],
         ),
-        one(Effect::FeedbackDelay, k, J::FeedbackDelay, &[0.02, 0.05, 0.1]),
+        one(
+            Effect::FeedbackDelay,
+            k,
+            J::FeedbackDelay,
+            &[0.02, 0.05, 0.1],
+        ),
         one(Effect::MotorLag, k, J::Lag, &[0.02, 0.05, 0.15]),
         one(Effect::TorqueLimit, k, J::MaxTorque, &grid(0.06, 1.12, 24)),
+        one(Effect::CurrentLimit, k, J::MaxTorque, &grid(0.06, 1.12, 24)),
         one(Effect::CoulombFriction, k, J::Coulomb, &[0.1, 0.4, 1.0]),
         one(Effect::ViscousFriction, k, J::Viscous, &[0.2, 0.6, 1.5]),
         one(Effect::LoadDependentFriction, k, J::LoadShare, &[0.1, 0.3]),
@@ -363,7 +453,9 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
         ),
     ];
     let mut ripple = Vec::new();
-    for periods in [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 24.0] {
+    for periods in [
+        1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 24.0,
+    ] {
         ripple.push(vec![0.15, 0.0, periods]);
         ripple.push(vec![0.0, 0.15, periods]);
     }
@@ -371,16 +463,23 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
     out.push(many(Effect::TorqueRipple, k, &free, &ripple));
     if !tier.applied {
         out.push(one(Effect::Latency, k, J::Delay, &[0.01, 0.03, 0.08, 0.2]));
-        out.push(one(Effect::ClockSkew, k, J::Skew, &[0.999, 1.001, 0.99, 1.01]));
+        out.push(one(
+            Effect::ClockSkew,
+            k,
+            J::Skew,
+            &[0.999, 1.001, 0.99, 1.01],
+        ));
         // Steps of other sizes fall out of time after a few; 4 % apart one start is always near enough.
-        out.push(one(Effect::Quantisation, k, J::Quantum, &grid(0.004, 1.04, 96)));
+        out.push(one(
+            Effect::Quantisation,
+            k,
+            J::Quantum,
+            &grid(0.004, 1.04, 96),
+        ));
     }
     if tier.weight[2] > 0.0 {
         out.push(one(Effect::Backlash, k, J::Play, &[0.005, 0.02]));
         out.push(one(Effect::Compliance, k, J::Flex, &[0.002, 0.01, 0.04]));
-    }
-    if tier.torque && tier.ampere {
-        out.push(one(Effect::MotorConstant, k, J::PerAmpere, &[0.7, 0.85, 1.2, 1.4]));
     }
     out
 }
@@ -393,7 +492,11 @@ pub(super) struct Found {
 
 /// Thresholds of a joint: calibrated on null robots, see docs/diagnosis.md.
 fn limits(tier: &Tier) -> Limits {
-    let seconds: f64 = tier.runs.iter().map(|r| r.steps() as f64 * servo::STEP_S).sum();
+    let seconds: f64 = tier
+        .runs
+        .iter()
+        .map(|r| r.steps() as f64 * servo::STEP_S)
+        .sum();
     Limits {
         share: 0.12,
         least: 0.1,
@@ -417,11 +520,14 @@ pub(super) fn diagnose(
     withhold: &[Effect],
 ) -> Found {
     let coordinates = coordinates(model, tier.joint, tier.applied, tier.torque && tier.ampere);
+    let per_ampere = conventions.per_ampere[tier.joint];
     let mut candidates = candidates(&tier, conventions);
     candidates.retain(|c| !withhold.contains(&c.effect));
     let limits = limits(&tier);
     let mut nominal: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
     let mut coordinates = coordinates;
+    nominal[J::PerAmpere as usize] = per_ampere;
+    coordinates[J::PerAmpere as usize].neutral = per_ampere;
     if conventions.slope[tier.joint].is_some_and(|s| s < 0.0) {
         nominal[J::Scale as usize] = -1.0;
         coordinates[J::Scale as usize].neutral = -1.0;

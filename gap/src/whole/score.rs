@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::data::{Data, JOINTS};
 use super::servo::{self, J, JointRun, Nominal, Trace};
-use super::{body, joints};
+use super::{body, camera, joints};
 use crate::math;
 
 /// One joint's scored runs.
@@ -22,6 +22,8 @@ pub(super) struct State {
     pub(super) joints: Vec<Vec<f64>>,
     /// Coordinates of the body.
     pub(super) body: Vec<f64>,
+    /// Coordinates of the camera.
+    pub(super) camera: Vec<f64>,
     /// Whether the conventions found are applied.
     pub(super) conventions: bool,
 }
@@ -29,10 +31,19 @@ pub(super) struct State {
 /// Values of every metric by run or gait.
 pub(super) type Metrics = BTreeMap<&'static str, Vec<f64>>;
 
+/// Errors of one joint before and after.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct JointRow {
+    pub(super) joint: usize,
+    pub(super) angle_rad: Option<[f64; 2]>,
+    pub(super) torque_nm: Option<[f64; 2]>,
+}
+
 /// What is scored.
 pub(super) struct Score {
     pub(super) joints: Vec<Scored>,
     pub(super) body: Option<body::Tier>,
+    pub(super) camera: Option<camera::Tier>,
     pub(super) runs: Vec<usize>,
 }
 
@@ -62,7 +73,8 @@ impl Score {
         };
         let of = |f: &joints::Found| {
             let k = f.tier.joint;
-            let prepare = |r: usize, c| joints::prepare(&data.runs[r], k, c, &f.tier.nominal, &loads[r][k]);
+            let prepare =
+                |r: usize, c| joints::prepare(&data.runs[r], k, c, &f.tier.nominal, &loads[r][k]);
             Scored {
                 joint: k,
                 nominal: f.tier.nominal,
@@ -75,8 +87,38 @@ impl Score {
         Self {
             joints: found.iter().map(of).collect(),
             body,
+            camera: None,
             runs: runs.to_vec(),
         }
+    }
+
+    /// Errors joint by joint in two states, mean over runs.
+    pub(super) fn by_joint(&self, before: &State, after: &State) -> Vec<JointRow> {
+        let mut trace = Trace::default();
+        let mut one = |(at, scored): (usize, &Scored)| {
+            let mut sums = [Vec::new(), Vec::new(), Vec::new(), Vec::new()];
+            for (_, with, without) in &scored.runs {
+                for (s, state) in [before, after].into_iter().enumerate() {
+                    let run = if state.conventions { with } else { without };
+                    servo::simulate(run, &scored.nominal, &state.joints[at], &mut trace);
+                    let angle: Vec<f64> = servo::errors(&trace.position, &run.position).collect();
+                    let torque: Vec<f64> = servo::errors(&trace.effort, &run.effort).collect();
+                    sums[s].push(math::rms(&angle));
+                    if !torque.is_empty() {
+                        sums[2 + s].push(math::rms(&torque));
+                    }
+                }
+            }
+            let pair = |i: usize| {
+                (!sums[i].is_empty()).then(|| [math::mean(&sums[i]), math::mean(&sums[i + 1])])
+            };
+            JointRow {
+                joint: scored.joint,
+                angle_rad: pair(0),
+                torque_nm: pair(2),
+            }
+        };
+        self.joints.iter().enumerate().map(&mut one).collect()
     }
 
     /// All metrics of a state.
@@ -93,12 +135,15 @@ impl Score {
                 servo::simulate(run, &scored.nominal, theta, &mut trace);
                 let per_ampere = theta[J::PerAmpere as usize];
                 for (name, v) in [
-                    ("position_rmse_rad", servo::errors(&trace.position, &run.position).collect::<Vec<_>>()),
+                    (
+                        "position_rmse_rad",
+                        servo::errors(&trace.position, &run.position).collect::<Vec<_>>(),
+                    ),
                     (
                         "effort_rmse_nm",
                         servo::errors(&trace.effort, &run.effort)
                             .zip(servo::values(&run.effort))
-                            .map(|(e, m)| e + m * (1.0 - per_ampere))
+                            .map(|(e, m)| (e + m) / per_ampere - m)
                             .collect(),
                     ),
                     ("link_rmse_rad", run.link_errors(&trace)),
@@ -118,6 +163,9 @@ impl Score {
             let errors = tier.errors(&state.body);
             out.insert("pose_rmse_m", errors.iter().map(|e| e[0]).collect());
             out.insert("heading_rmse_rad", errors.iter().map(|e| e[1]).collect());
+        }
+        if let Some(tier) = self.camera.as_ref().filter(|_| !state.camera.is_empty()) {
+            out.insert("similarity_r", tier.similarity(&state.camera));
         }
         out
     }

@@ -4,122 +4,11 @@
 
 use rayon::prelude::*;
 
-use crate::vocabulary::Effect;
+use super::least::{Block, add, blocks, cost, group_costs, solve, total};
+pub(super) use super::terms::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Rival};
 
 /// A candidate with more starts than this is searched by its starts alone.
 const DENSE: usize = 20;
-/// Residuals beyond this many tolerances count linearly (Huber).
-const HUBER: f64 = 3.0;
-
-/// What is fitted.
-pub(super) trait Evaluate: Sync {
-    /// Residuals by group (gait) in units of their tolerances; the same lengths for every `theta`.
-    fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>>;
-}
-
-/// One number that may be moved.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Coordinate {
-    /// Value at which it has no effect.
-    pub(super) neutral: f64,
-    /// Prior, one standard deviation; 0 = fixed unless a candidate frees it.
-    pub(super) sigma: f64,
-    /// Step of finite differences.
-    pub(super) step: f64,
-    /// Smallest and largest value.
-    pub(super) range: [f64; 2],
-}
-
-/// An effect that may be added.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Candidate {
-    /// Which.
-    pub(super) effect: Effect,
-    /// Its joint.
-    pub(super) joint: Option<usize>,
-    /// Coordinates it frees.
-    pub(super) free: Vec<usize>,
-    /// Values to start from.
-    pub(super) starts: Vec<Vec<f64>>,
-}
-
-/// Thresholds.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Limits {
-    /// Least gain of the held-out cost as a share of what is above the floor.
-    pub(super) share: f64,
-    /// Least gain in squared tolerances.
-    pub(super) least: f64,
-    /// Least gain as a share of the held-out cost.
-    pub(super) relative: f64,
-    /// Least gain of a further effect as a share of the cost before the first.
-    pub(super) of_first: f64,
-    /// Cost of a perfect model.
-    pub(super) floor: f64,
-    /// Independent samples.
-    pub(super) independent: f64,
-    /// Most effects.
-    pub(super) most: usize,
-    /// Base parameters must leave their tolerance by this many standard deviations.
-    pub(super) beyond: f64,
-    /// Candidates that are fitted at every step.
-    pub(super) refined: usize,
-    /// Iterations of a fit.
-    pub(super) iterations: usize,
-}
-
-/// A fitted state.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Fit {
-    /// All coordinates.
-    pub(super) theta: Vec<f64>,
-    /// Candidates in it, by index.
-    pub(super) members: Vec<usize>,
-    /// Cost on all groups, in squared tolerances per sample.
-    pub(super) cost: f64,
-    /// Cost on held-out folds.
-    pub(super) held_out: f64,
-    /// The same by fold.
-    pub(super) folds: Vec<f64>,
-    /// Cost by group.
-    pub(super) groups: Vec<f64>,
-    /// Standard deviation of each free coordinate, by coordinate; 0 where fixed.
-    pub(super) deviation: Vec<f64>,
-}
-
-/// A rival of a found effect.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Rival {
-    pub(super) candidate: usize,
-    /// Cost with the rival over cost with the effect.
-    pub(super) ratio: f64,
-    fit: Fit,
-}
-
-/// What a search found.
-#[derive(Debug, Clone)]
-pub(super) struct Answer {
-    pub(super) coordinates: Vec<Coordinate>,
-    pub(super) candidates: Vec<Candidate>,
-    /// Calibrated nominal model, then after every step.
-    pub(super) steps: Vec<Fit>,
-    /// Rivals of every member of the last step.
-    pub(super) rivals: Vec<Vec<Rival>>,
-    /// The last step without each of its members, and with that member alone.
-    pub(super) removed_alone: Vec<(Fit, Fit)>,
-    pub(super) limits: Limits,
-    /// Coordinates of the nominal model.
-    pub(super) nominal: Vec<f64>,
-    /// Its cost by group.
-    pub(super) nominal_groups: Vec<f64>,
-}
-
-impl Answer {
-    /// The final fit.
-    pub(super) fn last(&self) -> &Fit {
-        &self.steps[self.steps.len() - 1]
-    }
-}
 
 /// The search.
 pub(super) struct Search<'a, E: Evaluate> {
@@ -127,122 +16,6 @@ pub(super) struct Search<'a, E: Evaluate> {
     pub(super) coordinates: &'a [Coordinate],
     pub(super) candidates: &'a [Candidate],
     pub(super) limits: Limits,
-}
-
-/// Normal equations of one group.
-#[derive(Debug, Clone)]
-struct Block {
-    a: Vec<f64>,
-    b: Vec<f64>,
-    c: f64,
-    n: f64,
-}
-
-fn huber(r: f64) -> f64 {
-    let x = r.abs();
-    if x <= HUBER {
-        x * x
-    } else {
-        2.0 * HUBER * x - HUBER * HUBER
-    }
-}
-
-/// Mean robust cost over groups; every group counts the same.
-pub(super) fn cost(residuals: &[Vec<f64>]) -> f64 {
-    let used: Vec<&Vec<f64>> = residuals.iter().filter(|g| !g.is_empty()).collect();
-    let one = |g: &&Vec<f64>| g.iter().map(|r| huber(*r)).sum::<f64>() / g.len() as f64;
-    used.iter().map(one).sum::<f64>() / used.len().max(1) as f64
-}
-
-/// Mean robust cost of every group.
-pub(super) fn group_costs(residuals: &[Vec<f64>]) -> Vec<f64> {
-    let one = |g: &Vec<f64>| g.iter().map(|r| huber(*r)).sum::<f64>() / g.len().max(1) as f64;
-    residuals.iter().map(one).collect()
-}
-
-/// Solves `a x = b` for a symmetric positive matrix; zeros where it is singular.
-pub(super) fn solve(a: &[f64], b: &[f64]) -> Vec<f64> {
-    let n = b.len();
-    let mut l = a.to_vec();
-    let mut x = b.to_vec();
-    for j in 0..n {
-        let tiny = 1e-12 * a[j * n + j].abs().max(1e-30);
-        for k in 0..j {
-            let f = l[j * n + k];
-            l[j * n + j] -= f * f;
-        }
-        let d = l[j * n + j].max(tiny).sqrt();
-        l[j * n + j] = d;
-        for i in j + 1..n {
-            for k in 0..j {
-                l[i * n + j] -= l[i * n + k] * l[j * n + k];
-            }
-            l[i * n + j] /= d;
-        }
-    }
-    for i in 0..n {
-        for k in 0..i {
-            x[i] -= l[i * n + k] * x[k];
-        }
-        x[i] /= l[i * n + i];
-    }
-    for i in (0..n).rev() {
-        for k in i + 1..n {
-            x[i] -= l[k * n + i] * x[k];
-        }
-        x[i] /= l[i * n + i];
-    }
-    x
-}
-
-fn blocks(r0: &[Vec<f64>], columns: &[Vec<Vec<f64>>], steps: &[f64]) -> Vec<Block> {
-    let n = columns.len();
-    let one = |(g, r): (usize, &Vec<f64>)| {
-        let mut out = Block {
-            a: vec![0.0; n * n],
-            b: vec![0.0; n],
-            c: 0.0,
-            n: r.len() as f64,
-        };
-        let mut row = vec![0.0; n];
-        for (i, r) in r.iter().enumerate() {
-            let w = (HUBER / r.abs().max(HUBER)).min(1.0);
-            for ((slot, column), h) in row.iter_mut().zip(columns).zip(steps) {
-                *slot = (column[g][i] - r) / h;
-            }
-            for (j, x) in row.iter().enumerate() {
-                out.b[j] += w * x * r;
-                for (k, y) in row.iter().enumerate().take(j + 1) {
-                    out.a[j * n + k] += w * x * y;
-                }
-            }
-            out.c += huber(*r);
-        }
-        for j in 0..n {
-            for k in 0..j {
-                out.a[k * n + j] = out.a[j * n + k];
-            }
-        }
-        out
-    };
-    r0.iter().enumerate().map(one).collect()
-}
-
-/// Sum of blocks, each divided by its samples.
-fn total(blocks: &[Block], take: &dyn Fn(usize) -> bool) -> (Vec<f64>, Vec<f64>, f64, f64) {
-    let n = blocks.first().map_or(0, |b| b.b.len());
-    let (mut a, mut b, mut c, mut groups) = (vec![0.0; n * n], vec![0.0; n], 0.0, 0.0);
-    for (_, k) in blocks
-        .iter()
-        .enumerate()
-        .filter(|(g, k)| k.n > 0.0 && take(*g))
-    {
-        a.iter_mut().zip(&k.a).for_each(|(x, y)| *x += y / k.n);
-        b.iter_mut().zip(&k.b).for_each(|(x, y)| *x += y / k.n);
-        c += k.c / k.n;
-        groups += 1.0;
-    }
-    (a, b, c, groups)
 }
 
 impl<E: Evaluate> Search<'_, E> {
@@ -260,7 +33,9 @@ impl<E: Evaluate> Search<'_, E> {
 
     /// Whether a member removes the prior of coordinate `i`.
     fn freed(&self, members: &[usize], i: usize) -> bool {
-        members.iter().any(|m| self.candidates[*m].free.contains(&i))
+        members
+            .iter()
+            .any(|m| self.candidates[*m].free.contains(&i))
     }
 
     /// Where coordinate `i` may go: within its tolerance, unless a member frees it.
@@ -371,7 +146,11 @@ impl<E: Evaluate> Search<'_, E> {
             if !moved {
                 let (columns, steps) = self.jacobian(&theta, &free);
                 let prior = self.prior(members, &free, &theta);
-                last = Some((self::blocks(&residuals, &columns, &steps), weight, prior));
+                last = Some((
+                    super::least::blocks(&residuals, &columns, &steps),
+                    weight,
+                    prior,
+                ));
                 break;
             }
         }
@@ -419,7 +198,11 @@ impl<E: Evaluate> Search<'_, E> {
         let n = free.len();
         let used: Vec<usize> = (0..blocks.len()).filter(|g| blocks[*g].n > 0.0).collect();
         let count = Self::folds(used.len());
-        let fold_of = |g: usize| used.iter().position(|u| *u == g).map_or(0, |p| p % count.max(1));
+        let fold_of = |g: usize| {
+            used.iter()
+                .position(|u| *u == g)
+                .map_or(0, |p| p % count.max(1))
+        };
         let at_border = |i: usize| {
             let range = self.range(members, i);
             theta[i] <= range[0] || theta[i] >= range[1]
@@ -532,7 +315,10 @@ impl<E: Evaluate> Search<'_, E> {
                 let weight = self.prior_weight(base.cost) * groups;
                 for j in 0..n {
                     a[j * n + j] += 1e-15;
-                    if let Some(p) = prior.get(j).filter(|_| !self.candidates[c].free.contains(&moved[j])) {
+                    if let Some(p) = prior
+                        .get(j)
+                        .filter(|_| !self.candidates[c].free.contains(&moved[j]))
+                    {
                         a[j * n + j] += weight * p.0;
                         b[j] += weight * p.1;
                     }
@@ -572,7 +358,10 @@ impl<E: Evaluate> Search<'_, E> {
     pub(super) fn answer(&self, base: Fit, nominal: Vec<f64>) -> Answer {
         let mut steps = self.run(base);
         let rivals_of = |fit: &Fit| -> Vec<Vec<Rival>> {
-            fit.members.iter().map(|m| self.rivals(fit, *m, 3)).collect()
+            fit.members
+                .iter()
+                .map(|m| self.rivals(fit, *m, 3))
+                .collect()
         };
         let mut rivals = rivals_of(&steps[steps.len() - 1]);
         let last = &steps[steps.len() - 1];
@@ -599,7 +388,6 @@ impl<E: Evaluate> Search<'_, E> {
         };
         let removed_alone = last.members.iter().map(alone).collect();
         Answer {
-            coordinates: self.coordinates.to_vec(),
             candidates: self.candidates.to_vec(),
             rivals,
             removed_alone,
@@ -614,16 +402,22 @@ impl<E: Evaluate> Search<'_, E> {
         let taken = |c: usize| {
             base.members.iter().any(|m| {
                 let (a, b) = (&self.candidates[*m], &self.candidates[c]);
-                (a.effect, a.joint) == (b.effect, b.joint) || b.free.iter().any(|i| a.free.contains(i))
+                (a.effect, a.joint) == (b.effect, b.joint)
+                    || b.free.iter().any(|i| a.free.contains(i))
             })
         };
         let open: Vec<usize> = (0..self.candidates.len()).filter(|c| !taken(*c)).collect();
         // Errors between two simulators of one law grow with the law.
-        let least = self.threshold(base).max(self.limits.of_first * first * f64::from(u8::from(!base.members.is_empty())));
+        let least = self
+            .threshold(base)
+            .max(self.limits.of_first * first * f64::from(u8::from(!base.members.is_empty())));
         let mut seen = Vec::new();
         let mut best: Option<Fit> = None;
         for (c, theta, screened) in self.screen(base, &open) {
-            if seen.contains(&c) || seen.len() >= self.limits.refined || screened > base.cost - 0.3 * least {
+            if seen.contains(&c)
+                || seen.len() >= self.limits.refined
+                || screened > base.cost - 0.3 * least
+            {
                 continue;
             }
             seen.push(c);
@@ -710,7 +504,12 @@ impl<E: Evaluate> Search<'_, E> {
 
     /// The fit with one member taken out and the rest fitted again.
     pub(super) fn without(&self, full: &Fit, member: usize) -> Fit {
-        let members: Vec<usize> = full.members.iter().copied().filter(|m| *m != member).collect();
+        let members: Vec<usize> = full
+            .members
+            .iter()
+            .copied()
+            .filter(|m| *m != member)
+            .collect();
         let mut theta = full.theta.clone();
         for i in &self.candidates[member].free {
             theta[*i] = self.coordinates[*i].neutral;
@@ -747,19 +546,4 @@ impl<E: Evaluate> Search<'_, E> {
         }
         out
     }
-}
-
-fn add(column: &[Vec<f64>], r0: &[Vec<f64>], r: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    column
-        .iter()
-        .zip(r0)
-        .zip(r)
-        .map(|((c, a), b)| {
-            c.iter()
-                .zip(a)
-                .zip(b)
-                .map(|((c, a), b)| c - a + b)
-                .collect()
-        })
-        .collect()
 }

@@ -72,6 +72,8 @@ pub(super) struct Nominal {
     pub(super) max_speed_rad_s: f64,
     /// Torque limit, N m.
     pub(super) max_torque_nm: f64,
+    /// Speed at which no voltage is left for torque, rad/s.
+    pub(super) no_load_rad_s: f64,
     /// Torque per current at the output, N m/A.
     pub(super) nm_per_a: f64,
 }
@@ -156,7 +158,11 @@ impl JointRun {
         let speed = first.map_or(0.0, |f| if f.1.abs() < 0.05 { 0.0 } else { f.1 });
         let twist = link.map(|l| Track {
             t_s: l.t_s.clone(),
-            v: l.t_s.iter().zip(&l.v).map(|(t, v)| v - position.at(*t)).collect(),
+            v: l.t_s
+                .iter()
+                .zip(&l.v)
+                .map(|(t, v)| v - position.at(*t))
+                .collect(),
         });
         let effort = effort.map(averaged);
         let twisting = match &effort {
@@ -188,7 +194,8 @@ impl JointRun {
 
     /// Simulated less measured link angle, where the link was measured.
     pub(super) fn link_errors(&self, trace: &Trace) -> Vec<f64> {
-        let one = |s: &Sample| at(&trace.position, s) + at(&trace.twist, s) - at(&self.path, s) - s.value;
+        let one =
+            |s: &Sample| at(&trace.position, s) + at(&trace.twist, s) - at(&self.path, s) - s.value;
         self.twist.iter().map(one).collect()
     }
 
@@ -204,6 +211,7 @@ pub(super) struct Trace {
     pub(super) position: Vec<f64>,
     pub(super) effort: Vec<f64>,
     pub(super) twist: Vec<f64>,
+    sums: Vec<f64>,
 }
 
 /// The held set-point's integral from 0 to `t_s`; `at` is a cursor that moves with time.
@@ -264,10 +272,14 @@ pub(super) fn simulate(run: &JointRun, nominal: &Nominal, p: &[f64], out: &mut T
     let get = |j: J| p[j as usize];
     let h = STEP_S;
     let gain = nominal.gain_per_s * get(J::Gain);
-    let vmax = nominal.max_speed_rad_s * get(J::MaxSpeed);
+    let vmax = (nominal.max_speed_rad_s * get(J::MaxSpeed)).min(nominal.no_load_rad_s);
     let tmax = nominal.max_torque_nm * get(J::MaxTorque);
     let droop = get(J::Droop).max(1e-4);
-    let blend = if get(J::Lag) > 0.0 { 1.0 - libm::exp(-h / get(J::Lag)) } else { 1.0 };
+    let blend = if get(J::Lag) > 0.0 {
+        1.0 - libm::exp(-h / get(J::Lag))
+    } else {
+        1.0
+    };
     let back = get(J::FeedbackDelay) / h;
     let ripple = get(J::RippleSin) != 0.0 || get(J::RippleCos) != 0.0;
     let (mut q, mut v) = (run.start[0], run.start[1]);
@@ -292,7 +304,11 @@ pub(super) fn simulate(run: &JointRun, nominal: &Nominal, p: &[f64], out: &mut T
             followed = from + (sp - from).clamp(-get(J::Slew) * h, get(J::Slew) * h);
             sp = followed;
         }
-        let seen = if back > 0.0 { old(&out.position, q, back) } else { q };
+        let seen = if back > 0.0 {
+            old(&out.position, q, back)
+        } else {
+            q
+        };
         let mut e = sp - seen;
         if e.abs() < get(J::DeadHard) {
             e = 0.0;
@@ -306,14 +322,43 @@ pub(super) fn simulate(run: &JointRun, nominal: &Nominal, p: &[f64], out: &mut T
             let (s, c) = libm::sincos(get(J::RipplePeriods) * q);
             load -= get(J::RippleSin) * s + get(J::RippleCos) * c;
         }
-        let (speed, torque) = drive(v, wanted, load, q - run.path[i], droop, tmax, &Friction::at(p, wanted, load));
+        let (speed, torque) = drive(
+            v,
+            wanted,
+            load,
+            q - run.path[i],
+            droop,
+            tmax,
+            &Friction::at(p, wanted, load),
+        );
         out.position.push(q);
         out.effort.push(torque);
         let twisting = run.twisting.get(i).copied().unwrap_or(0.0);
         let side = twisting / PLAY_LOAD_NM;
-        out.twist.push(-get(J::Flex) * twisting - get(J::Play) * side / (1.0 + side.abs()));
+        out.twist
+            .push(-get(J::Flex) * twisting - get(J::Play) * side / (1.0 + side.abs()));
         v = speed;
         q += h * v;
+    }
+    if !run.effort.is_empty() {
+        average(&mut out.effort, &mut out.sums);
+    }
+}
+
+/// Means over 100 ms around every step, as the measured torque is taken.
+fn average(series: &mut [f64], sums: &mut Vec<f64>) {
+    const HALF: usize = (0.05 / STEP_S) as usize;
+    sums.clear();
+    sums.push(0.0);
+    let mut sum = 0.0;
+    for x in series.iter() {
+        sum += x;
+        sums.push(sum);
+    }
+    let n = series.len();
+    for (i, x) in series.iter_mut().enumerate() {
+        let (from, to) = (i.saturating_sub(HALF), (i + HALF + 1).min(n));
+        *x = (sums[to] - sums[from]) / (to - from) as f64;
     }
 }
 
@@ -332,7 +377,15 @@ fn old(position: &[f64], now: f64, back: f64) -> f64 {
 }
 
 /// One step of the motor against friction and load: new speed, and torque less what accelerates the regularising inertia.
-fn drive(v: f64, wanted: f64, load: f64, off: f64, droop: f64, tmax: f64, f: &Friction) -> (f64, f64) {
+fn drive(
+    v: f64,
+    wanted: f64,
+    load: f64,
+    off: f64,
+    droop: f64,
+    tmax: f64,
+    f: &Friction,
+) -> (f64, f64) {
     let m = INERTIA_KG_M2 / STEP_S;
     let stiff = 1.0 / droop;
     let (v1, friction) = f.solve(m + stiff, m * v + stiff * wanted - load);

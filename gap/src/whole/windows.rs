@@ -53,15 +53,15 @@ pub(super) struct Window {
 
 /// Measured state of the base at `t_s`: lines through the samples around it.
 pub(super) fn base_state(base: &BaseTrack, t_s: f64) -> Option<(Pose, Twist)> {
-    // Wide enough for three samples of a 30 Hz tracker.
-    const HALF_S: f64 = 0.06;
+    // Seven samples, so that noise does not become speed; at least 60 ms.
+    let half_s = (3.2 * base.position_m[0].period_s()).clamp(0.06, 0.2);
     let mut p = [(0.0, 0.0); 3];
     for (slot, track) in p.iter_mut().zip(&base.position_m) {
-        *slot = track.line(t_s, HALF_S)?;
+        *slot = track.curve(t_s, half_s)?;
     }
     let mut q = [(0.0, 0.0); 4];
     for (slot, track) in q.iter_mut().zip(&base.quaternion) {
-        *slot = track.line(t_s, HALF_S)?;
+        *slot = track.curve(t_s, half_s)?;
     }
     let norm = q.iter().map(|x| x.0 * x.0).sum::<f64>().sqrt().max(1e-9);
     let [w, x, y, z] = q.map(|c| c.0 / norm);
@@ -103,7 +103,11 @@ pub(super) fn cut(data: &Data, duration_s: f64, every_s: f64) -> Vec<Window> {
     let mut out = Vec::new();
     for (r, run) in data.runs.iter().enumerate() {
         let (duration_s, mut from_s, end) = match &run.base {
-            Some(b) => (duration_s, b.t_s[0].max(0.0) + 0.05, b.t_s[b.t_s.len() - 1].min(run.length_s)),
+            Some(b) => (
+                duration_s,
+                b.t_s[0].max(0.0) + 0.05,
+                b.t_s[b.t_s.len() - 1].min(run.length_s),
+            ),
             None => (run.length_s, 0.0, run.length_s),
         };
         let samples = (duration_s / PERIOD_S).round() as usize + 1;
@@ -202,7 +206,10 @@ pub(super) fn replay(
 ) -> Vec<[Vec<f64>; JOINTS]> {
     let maps = [LinkMap::default(); JOINTS];
     let order = std::array::from_fn(|k| k);
-    let trials: Vec<Trial> = windows.iter().map(|w| w.trial(params, &maps, &order)).collect();
+    let trials: Vec<Trial> = windows
+        .iter()
+        .map(|w| w.trial(params, &maps, &order))
+        .collect();
     let outcomes = run(&trials, &options(true));
     let mut sums: Vec<[Vec<(f64, f64)>; JOINTS]> = data
         .runs
@@ -214,14 +221,19 @@ pub(super) fn replay(
         // The first samples hold the blow of a state that fits the ground only to within the tracker's noise.
         let skip = if w.start.is_some() { 4 } else { 0 };
         for k in 0..JOINTS {
-            let torque: Vec<f64> = (0..n).map(|i| f64::from(o.torques_nm[i * JOINTS + k])).collect();
+            let torque: Vec<f64> = (0..n)
+                .map(|i| f64::from(o.torques_nm[i * JOINTS + k]))
+                .collect();
             let smooth = smoothed(&torque, skip);
             for (i, t) in smooth.iter().enumerate() {
                 if let Some(slot) = w.torques.get_mut(i * JOINTS + k) {
                     *slot = *t;
                 }
                 let at = ((w.from_s / PERIOD_S).round() as usize) + i;
-                if i >= skip && t.is_finite() && let Some(s) = sums[w.run][k].get_mut(at) {
+                if i >= skip
+                    && t.is_finite()
+                    && let Some(s) = sums[w.run][k].get_mut(at)
+                {
                     s.0 += t;
                     s.1 += 1.0;
                 }

@@ -15,17 +15,17 @@ const ROW_S: f64 = 0.01;
 const TICK_S: f64 = 0.05;
 
 /// What a set holds.
-pub struct Plan {
-    pub gaits: usize,
-    pub repeats: usize,
-    pub seconds: f64,
-    pub seed: u64,
+pub(crate) struct Plan {
+    pub(crate) gaits: usize,
+    pub(crate) repeats: usize,
+    pub(crate) seconds: f64,
+    pub(crate) seed: u64,
     /// Base pose columns.
-    pub base: bool,
+    pub(crate) base: bool,
     /// Torque columns.
-    pub effort: bool,
+    pub(crate) effort: bool,
     /// Link angle columns.
-    pub link: bool,
+    pub(crate) link: bool,
 }
 
 impl Default for Plan {
@@ -46,25 +46,33 @@ impl Default for Plan {
 fn set_points(plan: &Plan, gait: usize) -> Vec<[f64; 6]> {
     let mut rng = Rng::new(plan.seed * 1000 + gait as u64);
     let shape: Vec<[f64; 3]> = (0..6)
-        .map(|_| [0.25 + 0.5 * rng.uniform(), 0.6 * (rng.uniform() - 0.5), std::f64::consts::TAU * rng.uniform()])
+        .map(|_| {
+            [
+                0.25 + 0.5 * rng.uniform(),
+                0.6 * (rng.uniform() - 0.5),
+                std::f64::consts::TAU * rng.uniform(),
+            ]
+        })
         .collect();
     (0..=(plan.seconds / TICK_S) as usize)
         .map(|i| {
             let t = i as f64 * TICK_S;
             std::array::from_fn(|k| {
                 let [r, x, phase] = shape[k];
-                x + r * (1.0 - libm::exp(-2.0 * t)) * libm::sin(std::f64::consts::TAU * 0.2 * t + phase)
+                x + r
+                    * (1.0 - libm::exp(-2.0 * t))
+                    * libm::sin(std::f64::consts::TAU * 0.2 * t + phase)
             })
         })
         .collect()
 }
 
 /// How reality differs: the engine's model, and what happens to set-points on their way (joint, tick -> value).
-pub struct Reality {
-    pub model: Model,
-    pub path: Box<dyn Fn(&[[f64; 6]]) -> Vec<[f64; 6]>>,
+pub(crate) struct Reality {
+    pub(crate) model: Model,
+    pub(crate) path: Box<dyn Fn(&[[f64; 6]]) -> Vec<[f64; 6]>>,
     /// Shifts the nominal parameters within their tolerances.
-    pub jitter: bool,
+    pub(crate) jitter: bool,
 }
 
 impl Default for Reality {
@@ -78,7 +86,7 @@ impl Default for Reality {
 }
 
 impl Reality {
-    pub fn with(change: impl FnOnce(&mut Model)) -> Self {
+    pub(crate) fn with(change: impl FnOnce(&mut Model)) -> Self {
         let mut out = Self::default();
         change(&mut out.model);
         out
@@ -92,7 +100,14 @@ fn jittered(reality: &Reality, seed: u64) -> Model {
     model.set(Key::Erp, 0.3).expect("in range");
     model.set(Key::Cfm, 3e-5).expect("in range");
     if reality.jitter {
-        let keys = [Key::IntraGain, Key::InterGain, Key::IntraTorque, Key::InterTorque, Key::IntraSpeed, Key::InterSpeed];
+        let keys = [
+            Key::IntraGain,
+            Key::InterGain,
+            Key::IntraTorque,
+            Key::InterTorque,
+            Key::IntraSpeed,
+            Key::InterSpeed,
+        ];
         for key in keys.into_iter().chain(Key::MASSES) {
             let p = model.parameter(key);
             let value = p.value + p.tolerance * rng.normal().clamp(-2.0, 2.0) * 0.7;
@@ -132,7 +147,11 @@ fn csv(plan: &Plan, sent: &[[f64; 6]], outcome: &physics::Outcome, rng: &mut Rng
                 let _ = write!(s, ",{tau:.3}");
             }
             if plan.link {
-                let _ = write!(s, ",{:.4}", f64::from(outcome.angles_rad[at]) + 2e-4 * rng.normal());
+                let _ = write!(
+                    s,
+                    ",{:.4}",
+                    f64::from(outcome.angles_rad[at]) + 2e-4 * rng.normal()
+                );
             }
         }
         if plan.base {
@@ -150,7 +169,7 @@ fn csv(plan: &Plan, sent: &[[f64; 6]], outcome: &physics::Outcome, rng: &mut Rng
 }
 
 /// The data set of a plan.
-pub fn record(plan: &Plan, reality: &Reality) -> (Manifest, Vec<Recording>) {
+pub(crate) fn record(plan: &Plan, reality: &Reality) -> (Manifest, Vec<Recording>) {
     let params = Arc::new(Params::try_from(&jittered(reality, plan.seed)).expect("simulable"));
     let options = Options {
         time_step_s: 0.001,
@@ -165,19 +184,31 @@ pub fn record(plan: &Plan, reality: &Reality) -> (Manifest, Vec<Recording>) {
     let mut trials = Vec::new();
     for gait in 0..plan.gaits {
         for repeat in 0..plan.repeats {
-            let _ = write!(text, "[[run]]\nfile = \"g{gait}r{repeat}.csv\"\ngait = \"g{gait}\"\n");
+            let _ = write!(
+                text,
+                "[[run]]\nfile = \"g{gait}r{repeat}.csv\"\ngait = \"g{gait}\"\n"
+            );
             let points = set_points(plan, gait);
             let mut rng = Rng::new(plan.seed + 77 * repeat as u64);
             let values: Vec<f32> = (reality.path)(&points)
                 .iter()
                 .flatten()
                 // Repeats differ by a little of everything; here by the set-points' last bits of play.
-                .map(|x| (x + if plan.repeats > 1 { 5e-4 * rng.normal() } else { 0.0 }) as f32)
+                .map(|x| {
+                    (x + if plan.repeats > 1 {
+                        5e-4 * rng.normal()
+                    } else {
+                        0.0
+                    }) as f32
+                })
                 .collect();
             trials.push(Trial {
                 params: Arc::clone(&params),
                 start: Start::Home,
-                drive: Drive::SetPoints { period_s: TICK_S, values_rad: Arc::from(values) },
+                drive: Drive::SetPoints {
+                    period_s: TICK_S,
+                    values_rad: Arc::from(values),
+                },
                 duration_s: plan.seconds,
             });
             sent.push(points);
@@ -189,7 +220,11 @@ pub fn record(plan: &Plan, reality: &Reality) -> (Manifest, Vec<Recording>) {
     let recordings = outcomes
         .iter()
         .zip(&sent)
-        .map(|(o, s)| Recording::parse("run.csv", &csv(plan, s, o, &mut rng), &manifest).expect("valid").0)
+        .map(|(o, s)| {
+            Recording::parse("run.csv", &csv(plan, s, o, &mut rng), &manifest)
+                .expect("valid")
+                .0
+        })
         .collect();
     (manifest, recordings)
 }

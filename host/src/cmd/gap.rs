@@ -12,6 +12,7 @@ mod report;
 mod score;
 mod score_whole;
 mod shipped;
+mod whole;
 
 use crate::context::Context;
 use crate::failure::Outcome;

@@ -98,12 +98,49 @@ fn patch(path: &Path) -> Outcome<gap::joint::Params> {
         .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())))
 }
 
+fn run_whole(
+    args: &Args,
+    data: &Path,
+    input: &Input,
+    json_file: Option<&Path>,
+    context: &Context,
+) -> Outcome {
+    if args.baseline.is_some() {
+        return Err(Failure::say(
+            Exit::Usage,
+            "--baseline is for one joint on a bench; a whole robot starts from its model.toml",
+        ));
+    }
+    let settings = gap::whole::Settings {
+        seed: args.seed,
+        withhold: args.withhold.clone(),
+    };
+    let d = super::whole::run(data, input, &settings)?;
+    let v = d.verdict();
+    let json = serde_json::to_string_pretty(v).map_err(|e| Failure::new(Exit::Other, e))?;
+    let markdown = gap::report::markdown(v);
+    if let Some(path) = &args.output {
+        write(path, &d.html())?;
+    }
+    if let Some(path) = json_file {
+        write(path, &json)?;
+    }
+    if let Some(path) = &args.markdown {
+        write(path, &markdown)?;
+    }
+    if let Some(path) = &args.patch {
+        write(path, &d.patch().to_toml())?;
+    }
+    let value = serde_json::to_value(v).map_err(|e| Failure::new(Exit::Other, e))?;
+    context.out.result("rb.gap/1", value, || markdown);
+    Ok(())
+}
+
 pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     let (data, json_file) = places(args, context)?;
     let input = input::read(&data, context)?;
     if input.manifest.joints() > 1 {
-        let message = "this version diagnoses one joint on a bench; the data set is a metamodule";
-        return Err(Failure::say(Exit::BadFile, message));
+        return run_whole(args, &data, &input, json_file.as_deref(), context);
     }
     let settings = Settings {
         seed: args.seed,
@@ -132,8 +169,35 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     Ok(())
 }
 
+fn predict_whole(args: &PredictArgs, input: &Input, context: &Context) -> Outcome {
+    let runs = super::whole::predict(&args.data, input, args.model.as_deref())?;
+    fs::create_dir_all(&args.output).map_err(|e| {
+        Failure::say(
+            Exit::Other,
+            format!("cannot make {}: {e}", args.output.display()),
+        )
+    })?;
+    let mut written = Vec::new();
+    for (name, text) in runs {
+        let name = Path::new(&name)
+            .file_name()
+            .map_or_else(|| PathBuf::from("run.csv"), PathBuf::from);
+        let path = args.output.join(name);
+        write(&path, &text)?;
+        written.push(path.display().to_string());
+    }
+    let value = serde_json::json!({ "files": written });
+    context
+        .out
+        .result("rb.gap_predict/1", value, || written.join("\n"));
+    Ok(())
+}
+
 pub(super) fn predict(args: &PredictArgs, context: &Context) -> Outcome {
     let input = input::read(&args.data, context)?;
+    if input.manifest.joints() > 1 {
+        return predict_whole(args, &input, context);
+    }
     let (problem, params) = match &args.model {
         Some(path) => {
             let params = patch(path)?;

@@ -1,0 +1,176 @@
+//! Coordinates and candidates of the body tier.
+
+use files::model::{Key, Model};
+
+use super::body::{B, BODY, FLEX, OFFSET, PLAY, RATIO, of_joint};
+use super::data::JOINTS;
+use super::search::{Candidate, Coordinate};
+use crate::vocabulary::Effect;
+
+/// The coordinates of the body with the tolerances of `model` as priors.
+pub(super) fn coordinates(model: &Model) -> Vec<Coordinate> {
+    let tolerance = |k: Key| model.parameter(k).tolerance;
+    let c = |neutral: f64, sigma: f64, step: f64, range: [f64; 2]| Coordinate {
+        neutral,
+        sigma,
+        step,
+        range,
+    };
+    let mu = model.value(Key::Friction);
+    let mut out = vec![c(0.0, 0.0, 0.01, [0.0, 1.0]); BODY + 4 * JOINTS];
+    let mut set = |b: B, x: Coordinate| out[b as usize] = x;
+    set(
+        B::Friction,
+        c(
+            1.0,
+            tolerance(Key::Friction) / mu.max(1e-6),
+            0.1,
+            [0.01, 10.0],
+        ),
+    );
+    set(
+        B::Bounce,
+        c(
+            model.value(Key::Bounce),
+            tolerance(Key::Bounce),
+            0.1,
+            [0.0, 1.0],
+        ),
+    );
+    set(
+        B::Erp,
+        c(
+            model.value(Key::Erp),
+            tolerance(Key::Erp),
+            0.05,
+            [0.01, 1.0],
+        ),
+    );
+    let mass = model.parameter(Key::Mass1);
+    set(
+        B::Gradient,
+        c(0.0, 0.7 * mass.tolerance / mass.value, 0.05, [-0.9, 0.9]),
+    );
+    set(B::AnisotropyCos, c(0.0, 0.0, 0.1, [-4.0, 4.0]));
+    set(B::AnisotropySin, c(0.0, 0.0, 0.1, [-4.0, 4.0]));
+    set(B::Torsion, c(0.0, 0.0, 0.003, [0.0, 1.0]));
+    set(B::Roll, c(0.0, 0.0, 0.01, [-1.0, 1.0]));
+    set(B::Pitch, c(0.0, 0.0, 0.01, [-1.0, 1.0]));
+    set(B::GroundGive, c(0.0, 0.0, 3e-5, [0.0, 0.1]));
+    set(B::GroundDamping, c(50.0, 0.0, 20.0, [1.0, 1e5]));
+    for b in [B::ComX, B::ComY, B::ComZ] {
+        set(b, c(0.0, 0.0, 0.005, [-0.3, 0.3]));
+    }
+    set(B::ConnectorGive, c(0.0, 0.0, 0.005, [0.0, 1.0]));
+    set(B::ConnectorPlay, c(0.0, 0.0, 0.005, [0.0, 0.5]));
+    for k in 0..JOINTS {
+        out[of_joint(k, OFFSET)] = c(0.0, 0.0, 0.01, [-7.0, 7.0]);
+        out[of_joint(k, RATIO)] = c(1.0, 0.0, 0.02, [-100.0, 100.0]);
+        out[of_joint(k, PLAY)] = c(0.0, 0.0, 0.01, [0.0, 1.0]);
+        out[of_joint(k, FLEX)] = c(0.0, 0.0, 0.01, [0.0, 10.0]);
+    }
+    out
+}
+
+fn candidate(effect: Effect, joint: Option<usize>, free: &[usize], starts: &[&[f64]]) -> Candidate {
+    Candidate {
+        effect,
+        joint,
+        free: free.to_vec(),
+        starts: starts.iter().map(|s| s.to_vec()).collect(),
+    }
+}
+
+/// Everything that may be added to the body.
+pub(super) fn candidates(link_measured: bool) -> Vec<Candidate> {
+    let b = |b: B| b as usize;
+    let give = [b(B::GroundGive), b(B::GroundDamping)];
+    let turn = [b(B::AnisotropyCos), b(B::AnisotropySin)];
+    let com = [b(B::ComX), b(B::ComY), b(B::ComZ)];
+    let mut out = vec![
+        candidate(
+            Effect::GroundFriction,
+            None,
+            &[b(B::Friction)],
+            &[&[0.3], &[0.6], &[1.7]],
+        ),
+        candidate(
+            Effect::Restitution,
+            None,
+            &[b(B::Bounce)],
+            &[&[0.05], &[0.9]],
+        ),
+        candidate(
+            Effect::FrictionAnisotropy,
+            None,
+            &turn,
+            &[&[0.5, 0.0], &[-0.5, 0.0], &[0.0, 0.5], &[0.0, -0.5]],
+        ),
+        candidate(
+            Effect::TorsionalFriction,
+            None,
+            &[b(B::Torsion)],
+            &[&[0.005], &[0.02]],
+        ),
+        candidate(
+            Effect::GroundSlope,
+            None,
+            &[b(B::Roll), b(B::Pitch)],
+            &[&[0.01, 0.01], &[-0.05, 0.05]],
+        ),
+        candidate(
+            Effect::GroundCompliance,
+            None,
+            &give,
+            &[&[1e-4, 50.0], &[5e-4, 50.0], &[2e-3, 30.0]],
+        ),
+        candidate(
+            Effect::ComOffset,
+            None,
+            &com,
+            &[&[0.005, 0.005, 0.005], &[-0.01, -0.01, -0.01]],
+        ),
+        candidate(
+            Effect::ConnectorCompliance,
+            None,
+            &[b(B::ConnectorGive)],
+            &[&[0.01], &[0.05]],
+        ),
+        candidate(
+            Effect::ConnectorPlay,
+            None,
+            &[b(B::ConnectorPlay)],
+            &[&[0.01], &[0.04]],
+        ),
+    ];
+    for k in 0..JOINTS {
+        let j = |what: usize| [of_joint(k, what)];
+        out.push(candidate(
+            Effect::JointOffset,
+            Some(k),
+            &j(OFFSET),
+            &[&[0.04], &[-0.04]],
+        ));
+        out.push(candidate(
+            Effect::JointScale,
+            Some(k),
+            &j(RATIO),
+            &[&[0.93], &[1.07]],
+        ));
+        if !link_measured {
+            out.push(candidate(
+                Effect::Backlash,
+                Some(k),
+                &j(PLAY),
+                &[&[0.02], &[0.06]],
+            ));
+            out.push(candidate(
+                Effect::Compliance,
+                Some(k),
+                &j(FLEX),
+                &[&[0.02], &[0.1]],
+            ));
+        }
+    }
+    out
+}

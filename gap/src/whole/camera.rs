@@ -1,0 +1,388 @@
+//! The camera tier: silhouettes against those of the measured pose.
+
+use std::sync::Arc;
+
+use camera::{Silhouette, Solid, View, similarity};
+use control::kinematics;
+use control::linalg::{Pose, Rot3, Vec3};
+use control::robot::{RobotModel, RobotParams};
+use files::dataset::Manifest;
+use files::model::{Key, Model};
+use rayon::prelude::*;
+
+use super::data::{Data, JOINTS};
+use super::search::{Answer, Candidate, Coordinate, Evaluate, Limits, Search};
+use super::windows;
+use crate::math;
+use crate::vocabulary::Effect;
+
+/// Silhouettes of one run.
+#[derive(Debug, Clone)]
+pub struct Film {
+    /// Index of the run in the manifest.
+    pub run: usize,
+    /// Time on the recording's clock as labelled, s, and the frame.
+    pub frames: Vec<(f64, Silhouette)>,
+}
+
+/// Coordinates of the camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum C {
+    /// m.
+    Height,
+    /// m.
+    X,
+    /// m.
+    Y,
+    /// rad.
+    Yaw,
+    /// What is labelled `t` was taken at `t + shift`, s.
+    Shift,
+}
+
+/// Most frames that are rendered for a fit.
+const FRAMES: usize = 120;
+/// Tolerance of a centre or a size, px: the outline of a few hundred pixels, and a tracked pose.
+const TOLERANCE_PX: f64 = 0.5;
+/// Least share of missing frames that counts.
+const LEAST_DROP: f64 = 0.02;
+
+struct Frame {
+    run: usize,
+    t_s: f64,
+    moments: [f64; 5],
+    frame: Silhouette,
+}
+
+/// Frames, and the poses they are compared with.
+pub(super) struct Tier {
+    data: Arc<Data>,
+    robot: RobotModel,
+    solids: Vec<Solid>,
+    frames: Vec<Frame>,
+    groups: usize,
+    group: Vec<usize>,
+    size: (usize, usize),
+    focal_px: f64,
+    /// Missing frames over expected ones.
+    pub(super) dropped: f64,
+    expected: f64,
+}
+
+/// Centre, size and the two deviators of the second moments, all in px; `None` for an empty frame.
+fn moments(frame: &Silhouette) -> Option<[f64; 5]> {
+    let (mut n, mut sx, mut sy, mut sxx, mut sxy, mut syy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for y in 0..frame.height() {
+        for x in 0..frame.width() {
+            if frame.get(x, y) {
+                let (x, y) = (x as f64, y as f64);
+                n += 1.0;
+                sx += x;
+                sy += y;
+                sxx += x * x;
+                sxy += x * y;
+                syy += y * y;
+            }
+        }
+    }
+    if n < 20.0 {
+        return None;
+    }
+    let (mx, my) = (sx / n, sy / n);
+    let (xx, xy, yy) = (sxx / n - mx * mx, sxy / n - mx * my, syy / n - my * my);
+    let size = (xx + yy).max(1e-9).sqrt();
+    Some([mx, my, n.sqrt(), (xx - yy) / size, 2.0 * xy / size])
+}
+
+/// Whether the outline touches the border: then its centre is not the robot's.
+fn cut(frame: &Silhouette) -> bool {
+    let (w, h) = (frame.width(), frame.height());
+    (0..w).any(|x| frame.get(x, 0) || frame.get(x, h - 1))
+        || (0..h).any(|y| frame.get(0, y) || frame.get(w - 1, y))
+}
+
+fn robot(model: &Model) -> Option<RobotModel> {
+    RobotModel::new(RobotParams {
+        twist_rad: model.value(Key::Twist) as f32,
+        cube_m: model.value(Key::Cube) as f32,
+        ball_radius_m: model.value(Key::BallRadius) as f32,
+        ..RobotParams::default()
+    })
+    .ok()
+}
+
+impl Tier {
+    /// Frames of the runs `fit`; `None` without films or poses.
+    pub(super) fn new(
+        data: &Arc<Data>,
+        manifest: &Manifest,
+        model: &Model,
+        films: &[Film],
+        fit: &[usize],
+    ) -> Option<Self> {
+        let robot = robot(model)?;
+        let solids = Solid::meta_module(&robot);
+        let mut frames = Vec::new();
+        let (mut seen, mut expected) = (0.0, 0.0);
+        for film in films {
+            let Some(r) = data.runs.iter().position(|r| r.index == film.run) else {
+                continue;
+            };
+            let run = &data.runs[r];
+            let t: Vec<f64> = film.frames.iter().map(|f| f.0).collect();
+            if let (Some(first), Some(last)) = (t.first(), t.last()) {
+                let steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
+                let step = math::median(&steps).max(1e-3);
+                seen += t.len() as f64;
+                expected += ((last - first) / step).round() + 1.0;
+            }
+            let measured = run.base.is_some() && run.joints.iter().all(|j| j.position.is_some());
+            if !fit.contains(&r) || !measured {
+                continue;
+            }
+            for (t_s, frame) in &film.frames {
+                if let Some(moments) = moments(frame).filter(|_| !cut(frame)) {
+                    frames.push(Frame {
+                        run: r,
+                        t_s: t_s - run.t0_s,
+                        moments,
+                        frame: frame.clone(),
+                    });
+                }
+            }
+        }
+        let thin = frames.len().div_ceil(FRAMES).max(1);
+        let frames: Vec<Frame> = frames.into_iter().step_by(thin).collect();
+        let first = frames.first()?;
+        let size = (first.frame.width(), first.frame.height());
+        let known = |key: &str| {
+            manifest
+                .camera
+                .as_ref()
+                .and_then(|c| c.quantities.get(key))
+                .map(|q| q.value)
+        };
+        // A Kinect's focal length at 640 pixels, scaled to the frame.
+        let focal_px = known("focal_px").unwrap_or(580.0 * size.0 as f64 / 640.0);
+        let mut names: Vec<usize> = frames.iter().map(|f| data.runs[f.run].gait).collect();
+        names.sort_unstable();
+        names.dedup();
+        let group = frames
+            .iter()
+            .filter_map(|f| names.iter().position(|n| *n == data.runs[f.run].gait))
+            .collect();
+        Some(Self {
+            data: Arc::clone(data),
+            robot,
+            solids,
+            groups: names.len(),
+            group,
+            size,
+            focal_px,
+            frames,
+            dropped: 1.0 - seen / f64::max(expected, 1.0),
+            expected,
+        })
+    }
+
+    fn bodies(&self, run: usize, t_s: f64) -> Option<Vec<Pose>> {
+        let run = &self.data.runs[run];
+        let (base, _) = windows::base_state(run.base.as_ref()?, t_s)?;
+        let mut q = [0.0f32; JOINTS];
+        for (slot, j) in q.iter_mut().zip(&run.joints) {
+            *slot = j.link.as_ref().or(j.position.as_ref())?.at(t_s) as f32;
+        }
+        let [x, y, z] = base.position_m;
+        let pose = Pose {
+            position_m: Vec3::new(x, y, z),
+            rotation: rotation(base.quaternion),
+        };
+        Some(
+            kinematics::forward(&self.robot, &q)
+                .rebased(3, &pose)
+                .bodies()
+                .to_vec(),
+        )
+    }
+
+    fn render(&self, theta: &[f64], frame: &Frame) -> Option<Silhouette> {
+        let get = |c: C| theta[c as usize];
+        let view = View::new(
+            get(C::Height) as f32,
+            (get(C::X) as f32, get(C::Y) as f32),
+            get(C::Yaw) as f32,
+            self.size,
+            self.focal_px as f32,
+        )
+        .ok()?;
+        let bodies = self.bodies(frame.run, frame.t_s + get(C::Shift))?;
+        Some(view.render(&self.solids, &bodies))
+    }
+
+    /// Mean overlap over union by group.
+    pub(super) fn similarity(&self, theta: &[f64]) -> Vec<f64> {
+        let all: Vec<Option<f64>> = self
+            .frames
+            .par_iter()
+            .map(|f| {
+                similarity::ratio(&f.frame, &self.render(theta, f)?)
+                    .ok()
+                    .flatten()
+            })
+            .collect();
+        (0..self.groups)
+            .map(|g| {
+                let own: Vec<f64> = all
+                    .iter()
+                    .zip(&self.group)
+                    .filter(|x| *x.1 == g)
+                    .filter_map(|x| *x.0)
+                    .collect();
+                math::mean(&own)
+            })
+            .collect()
+    }
+
+    /// Share of missing frames with its deviation, where it counts.
+    pub(super) fn drops(&self) -> Option<(f64, f64)> {
+        let p = self.dropped;
+        (p > LEAST_DROP).then(|| (p, (p * (1.0 - p) / self.expected.max(1.0)).sqrt()))
+    }
+}
+
+fn rotation(q: [f32; 4]) -> Rot3 {
+    let [w, x, y, z] = q;
+    let sine = (x * x + y * y + z * z).sqrt();
+    if sine < 1e-9 {
+        return Rot3::IDENTITY;
+    }
+    Rot3::about(
+        Vec3::new(x / sine, y / sine, z / sine),
+        2.0 * libm::atan2f(sine, w),
+    )
+}
+
+impl Evaluate for Tier {
+    fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>> {
+        let all: Vec<[f64; 5]> = self
+            .frames
+            .par_iter()
+            .map(|f| {
+                let seen = self.render(theta, f).and_then(|s| moments(&s));
+                seen.map_or([20.0; 5], |m| {
+                    std::array::from_fn(|i| (m[i] - f.moments[i]) / TOLERANCE_PX)
+                })
+            })
+            .collect();
+        let mut out = vec![Vec::new(); self.groups];
+        for (r, g) in all.iter().zip(&self.group) {
+            out[*g].extend_from_slice(r);
+        }
+        out
+    }
+}
+
+/// What was found about the camera.
+pub(super) struct Found {
+    pub(super) tier: Tier,
+    pub(super) answer: Answer,
+}
+
+fn coordinates(manifest: &Manifest, model: &Model) -> Vec<Coordinate> {
+    let known = |key: &str, default: f64, tolerance: f64| {
+        let q = manifest.camera.as_ref().and_then(|c| c.quantities.get(key));
+        let value = q.map_or(default, |q| q.value);
+        // Tolerances of the data set are relative; of a value of zero they say nothing.
+        let sigma = q
+            .and_then(|q| q.tolerance)
+            .map_or(tolerance, |t| (t * value.abs()).max(0.1 * tolerance));
+        (value, sigma)
+    };
+    let height = model.parameter(Key::CameraHeight);
+    let list = [
+        (
+            known("height_m", height.value, height.tolerance),
+            0.02,
+            [0.2, 50.0],
+        ),
+        // A plumb line finds the point below the camera to a few millimetres.
+        (known("x_m", 0.0, 0.005), 0.01, [-50.0, 50.0]),
+        (known("y_m", 0.0, 0.005), 0.01, [-50.0, 50.0]),
+        (known("yaw_rad", 0.0, 0.005), 0.01, [-7.0, 7.0]),
+        (known("clock_offset_s", 0.0, 0.02), 0.05, [-60.0, 60.0]),
+    ];
+    list.into_iter()
+        .map(|((neutral, sigma), step, range)| Coordinate {
+            neutral,
+            sigma,
+            step,
+            range,
+        })
+        .collect()
+}
+
+/// Diagnoses the camera.
+pub(super) fn diagnose(
+    tier: Tier,
+    manifest: &Manifest,
+    model: &Model,
+    withhold: &[Effect],
+) -> Found {
+    let coordinates = coordinates(manifest, model);
+    let at = |c: C| coordinates[c as usize].neutral;
+    let one = |effect, free: &[C], starts: Vec<Vec<f64>>| Candidate {
+        effect,
+        joint: None,
+        free: free.iter().map(|c| *c as usize).collect(),
+        starts,
+    };
+    let (h, x, y, yaw, shift) = (at(C::Height), at(C::X), at(C::Y), at(C::Yaw), at(C::Shift));
+    let mut candidates = vec![
+        one(
+            Effect::CameraHeight,
+            &[C::Height],
+            vec![vec![0.85 * h], vec![1.15 * h]],
+        ),
+        one(
+            Effect::CameraOffset,
+            &[C::X, C::Y],
+            vec![vec![x + 0.05, y + 0.05]],
+        ),
+        one(
+            Effect::CameraYaw,
+            &[C::Yaw],
+            vec![vec![yaw - 0.2], vec![yaw + 0.2]],
+        ),
+        one(
+            Effect::CameraTimeShift,
+            &[C::Shift],
+            [-1.0, -0.4, 0.4, 1.0]
+                .iter()
+                .map(|s| vec![shift + s])
+                .collect(),
+        ),
+    ];
+    candidates.retain(|c| !withhold.contains(&c.effect));
+    let nominal: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
+    let limits = Limits {
+        share: 0.12,
+        least: 0.3,
+        relative: 0.15,
+        of_first: 0.005,
+        floor: 1.0,
+        independent: (tier.frames.len() as f64).clamp(10.0, 1000.0),
+        most: 4,
+        beyond: 3.0,
+        refined: 4,
+        iterations: 4,
+    };
+    let search = Search {
+        model: &tier,
+        coordinates: &coordinates,
+        candidates: &candidates,
+        limits,
+    };
+    let base = search.fit(&nominal, &[], 3);
+    let answer = search.answer(base, nominal);
+    Found { tier, answer }
+}

@@ -1,0 +1,112 @@
+//! The words of a search: what is fitted, what may be added, what came out.
+
+use crate::vocabulary::Effect;
+
+/// What is fitted.
+pub(super) trait Evaluate: Sync {
+    /// Residuals by group (gait) in units of their tolerances; the same lengths for every `theta`.
+    fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>>;
+}
+
+/// One number that may be moved.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Coordinate {
+    /// Value at which it has no effect.
+    pub(super) neutral: f64,
+    /// Prior, one standard deviation; 0 = fixed unless a candidate frees it.
+    pub(super) sigma: f64,
+    /// Step of finite differences.
+    pub(super) step: f64,
+    /// Smallest and largest value.
+    pub(super) range: [f64; 2],
+}
+
+/// An effect that may be added.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Candidate {
+    /// Which.
+    pub(super) effect: Effect,
+    /// Its joint.
+    pub(super) joint: Option<usize>,
+    /// Coordinates it frees.
+    pub(super) free: Vec<usize>,
+    /// Values to start from.
+    pub(super) starts: Vec<Vec<f64>>,
+}
+
+/// Thresholds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Limits {
+    /// Least gain of the held-out cost as a share of what is above the floor.
+    pub(super) share: f64,
+    /// Least gain in squared tolerances.
+    pub(super) least: f64,
+    /// Least gain as a share of the held-out cost.
+    pub(super) relative: f64,
+    /// Least gain of a further effect as a share of the cost before the first.
+    pub(super) of_first: f64,
+    /// Cost of a perfect model.
+    pub(super) floor: f64,
+    /// Independent samples.
+    pub(super) independent: f64,
+    /// Most effects.
+    pub(super) most: usize,
+    /// Base parameters must leave their tolerance by this many standard deviations.
+    pub(super) beyond: f64,
+    /// Candidates that are fitted at every step.
+    pub(super) refined: usize,
+    /// Iterations of a fit.
+    pub(super) iterations: usize,
+}
+
+/// A fitted state.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Fit {
+    /// All coordinates.
+    pub(super) theta: Vec<f64>,
+    /// Candidates in it, by index.
+    pub(super) members: Vec<usize>,
+    /// Cost on all groups, in squared tolerances per sample.
+    pub(super) cost: f64,
+    /// Cost on held-out folds.
+    pub(super) held_out: f64,
+    /// The same by fold.
+    pub(super) folds: Vec<f64>,
+    /// Cost by group.
+    pub(super) groups: Vec<f64>,
+    /// Standard deviation of each free coordinate, by coordinate; 0 where fixed.
+    pub(super) deviation: Vec<f64>,
+}
+
+/// A rival of a found effect.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Rival {
+    pub(super) candidate: usize,
+    /// Cost with the rival over cost with the effect.
+    pub(super) ratio: f64,
+    pub(super) fit: Fit,
+}
+
+/// What a search found.
+#[derive(Debug, Clone)]
+pub(super) struct Answer {
+    pub(super) candidates: Vec<Candidate>,
+    /// Calibrated nominal model, then after every step.
+    pub(super) steps: Vec<Fit>,
+    /// Rivals of every member of the last step.
+    pub(super) rivals: Vec<Vec<Rival>>,
+    /// The last step without each of its members, and with that member alone.
+    pub(super) removed_alone: Vec<(Fit, Fit)>,
+    pub(super) limits: Limits,
+    /// Coordinates of the nominal model.
+    pub(super) nominal: Vec<f64>,
+    /// Its cost by group.
+    pub(super) nominal_groups: Vec<f64>,
+}
+
+impl Answer {
+    /// The final fit.
+    pub(super) fn last(&self) -> &Fit {
+        &self.steps[self.steps.len() - 1]
+    }
+}

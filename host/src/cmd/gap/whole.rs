@@ -1,0 +1,83 @@
+//! `rb-host gap report` and `rb-host gap predict` for a whole robot.
+
+use std::path::Path;
+use std::time::Instant;
+
+use files::model::Model;
+use gap::whole::{Diagnosis, Film, Settings, diagnose};
+
+use super::input::Input;
+use crate::failure::{Exit, Failure, Outcome};
+use crate::recording::beside::read_frames;
+
+fn text(path: &Path) -> Outcome<String> {
+    std::fs::read_to_string(path).map_err(|e| {
+        Failure::say(
+            Exit::BadFile,
+            format!("cannot read {}: {e}", path.display()),
+        )
+    })
+}
+
+/// The folder of a data set; a single recording lies in one.
+fn folder(data: &Path) -> &Path {
+    if data.is_dir() {
+        data
+    } else {
+        data.parent().unwrap_or(data)
+    }
+}
+
+/// The nominal model of a data set: its own, or the shipped one.
+pub(super) fn model(data: &Path, input: &Input) -> Outcome<Model> {
+    let Some(file) = &input.manifest.model else {
+        return Ok(Model::hand_tuned());
+    };
+    let text = text(&folder(data).join(file))?;
+    Model::parse(file, &text).map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))
+}
+
+/// The films that the runs name.
+fn films(data: &Path, input: &Input) -> Outcome<Vec<Film>> {
+    let mut out = Vec::new();
+    for (run, r) in input.manifest.runs.iter().enumerate() {
+        if let Some(folder) = &r.frames {
+            let frames = read_frames(&self::folder(data).join(folder))?;
+            let frames = frames.into_iter().map(|f| (f.t_s, f.silhouette)).collect();
+            out.push(Film { run, frames });
+        }
+    }
+    Ok(out)
+}
+
+/// Diagnoses a data set and adds where the figures come from.
+pub(super) fn run(data: &Path, input: &Input, settings: &Settings) -> Outcome<Diagnosis> {
+    let start = Instant::now();
+    let model = model(data, input)?;
+    let films = films(data, input)?;
+    let mut d = diagnose(&input.manifest, &input.recordings, &films, &model, settings)
+        .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?;
+    let provenance = &mut d.verdict_mut().provenance;
+    provenance.data_sha256.clone_from(&input.sha256);
+    provenance.commit = option_env!("RB_COMMIT").map(str::to_string);
+    provenance.wall_time_s = start.elapsed().as_secs_f64();
+    Ok(d)
+}
+
+/// Name and CSV text of every run as the patch predicts it; without a patch the data set is diagnosed first.
+pub(super) fn predict(
+    data: &Path,
+    input: &Input,
+    patch: Option<&Path>,
+) -> Outcome<Vec<(String, String)>> {
+    let model = match patch {
+        Some(path) => {
+            let text = text(path)?;
+            Model::parse(&path.display().to_string(), &text)
+                .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?
+        }
+        None => run(data, input, &Settings::default())?.patch(),
+    };
+    gap::whole::predict(&input.manifest, &input.recordings, &model)
+        .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))
+}
