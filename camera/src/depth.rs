@@ -1,6 +1,7 @@
 //! The real side: depth frames of an overhead Kinect, cut down to the robot.
 
 use crate::Silhouette;
+use crate::picture::PictureError;
 
 /// A raw depth frame, row by row; 0 and [`NO_READING`] are pixels without a distance.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -117,6 +118,36 @@ pub fn read_pgm(bytes: &[u8], samples: Samples) -> Result<DepthFrame, DepthError
             .collect(),
     };
     Ok(DepthFrame { width, height, raw })
+}
+
+/// One frame as a 16-bit PGM in the standard's byte order.
+#[must_use]
+pub fn write_pgm(frame: &DepthFrame) -> Vec<u8> {
+    let mut bytes = format!("P5\n{} {}\n65535\n", frame.width, frame.height).into_bytes();
+    bytes.extend(frame.raw.iter().flat_map(|raw| raw.to_be_bytes()));
+    bytes
+}
+
+/// Read a 16-bit grey-scale PNG.
+///
+/// # Errors
+/// When it is no PNG, or not grey scale with 16 bit.
+pub fn read_png(bytes: &[u8]) -> Result<DepthFrame, PictureError> {
+    let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info()?;
+    let mut data = vec![0; reader.output_buffer_size().unwrap_or(0)];
+    let info = reader.next_frame(&mut data)?;
+    if (info.color_type, info.bit_depth) != (png::ColorType::Grayscale, png::BitDepth::Sixteen) {
+        return Err(PictureError::NoDepth {
+            colour: info.color_type,
+            bits: info.bit_depth as u8,
+        });
+    }
+    let samples = data.as_chunks().0.iter();
+    Ok(DepthFrame {
+        width: info.width as usize,
+        height: info.height as usize,
+        raw: samples.map(|&b| u16::from_be_bytes(b)).collect(),
+    })
 }
 
 /// The next decimal number and the offset behind it; white space and `#` comments before it are skipped.

@@ -1,8 +1,8 @@
 //! Overhead camera: silhouettes of the true shapes, similarity R, overlays.
 //!
-//! Two ways lead to a [`Silhouette`]: [`View::render`] projects convex solids at given poses as the virtual camera sees
-//! them, and [`depth`] cuts the robot out of measured depth frames. [`similarity`] compares the two by the paper's
-//! equations (6) to (8), [`picture`] draws them, [`sync`] lays a film on the clock of the robot. Nothing here opens files: bytes in, bytes out.
+//! Two ways lead to a [`Silhouette`]: [`View::draw`] draws a meta-module at given poses as the virtual camera sees it
+//! ([`View::render`] any convex solids), and [`depth`] cuts the robot out of measured depth frames. [`similarity`] compares the two by the paper's
+//! equations (6) to (8), [`picture`] and [`viewer`] show them, [`sync`] lays a film on the clock of the robot. Nothing here opens files: bytes in, bytes out.
 
 pub mod depth;
 mod outline;
@@ -12,6 +12,7 @@ pub mod similarity;
 mod solid;
 pub mod sync;
 mod view;
+pub mod viewer;
 
 pub use outline::{MetaModule, Scratch};
 pub use silhouette::Silhouette;

@@ -2,10 +2,10 @@
 
 use crate::Silhouette;
 
-const BLUE: [u8; 3] = [0x3b, 0x6f, 0xd4];
-const RED: [u8; 3] = [0xd6, 0x45, 0x3d];
-const GREEN: [u8; 3] = [0x3c, 0xa9, 0x5a];
-const GROUND: [u8; 3] = [0xfa, 0xfa, 0xf7];
+pub(crate) const BLUE: [u8; 3] = [0x3b, 0x6f, 0xd4];
+pub(crate) const RED: [u8; 3] = [0xd6, 0x45, 0x3d];
+pub(crate) const GREEN: [u8; 3] = [0x3c, 0xa9, 0x5a];
+pub(crate) const GROUND: [u8; 3] = [0xfa, 0xfa, 0xf7];
 
 /// Why a picture could not be written or read.
 #[derive(Debug, thiserror::Error)]
@@ -30,6 +30,14 @@ pub enum PictureError {
     Colour {
         /// Colour type of the file.
         found: png::ColorType,
+    },
+    /// Not a depth picture.
+    #[error("the PNG is {colour:?} with {bits} bit; depth is grey scale with 16 bit")]
+    NoDepth {
+        /// Colour type of the file.
+        colour: png::ColorType,
+        /// Bits per channel.
+        bits: u8,
     },
 }
 
@@ -178,7 +186,7 @@ pub fn film_strip_png(
     Ok(bytes)
 }
 
-fn common_size<'a>(
+pub(crate) fn common_size<'a>(
     mut frames: impl Iterator<Item = &'a Silhouette>,
 ) -> Result<(usize, usize), PictureError> {
     let first = frames.next().ok_or(PictureError::NoFrame)?;

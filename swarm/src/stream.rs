@@ -12,8 +12,6 @@ pub enum Purpose {
     Flight,
     /// Noise inside the objective, one stream per repetition (up to 2^14).
     Noise(u16),
-    /// A robot drawn at random, to try a fit on.
-    Robot,
 }
 
 /// The generator for (seed, iteration, particle, purpose).
@@ -24,7 +22,6 @@ pub fn stream(seed: u64, iteration: u32, particle: usize, purpose: Purpose) -> C
         Purpose::Start => 0,
         Purpose::Flight => 1,
         Purpose::Noise(repetition) => 2 + u64::from(repetition),
-        Purpose::Robot => 0xFFFF,
     };
     let name =
         (u64::from(iteration) << 40) | ((particle as u64 & 0xFF_FFFF) << 16) | (purpose & 0xFFFF);

@@ -10,6 +10,7 @@ use crate::failure::{Exit, Failure, Outcome};
 
 pub mod bench;
 pub mod bus;
+pub mod camera;
 pub mod completions;
 pub mod config;
 pub mod doctor;
@@ -79,6 +80,7 @@ commands! {
     Emulate => emulate,
     Rec => rec,
     Sim => sim,
+    Camera => camera,
     Optimise => optimise,
     Model => model,
     Hybrid => hybrid,

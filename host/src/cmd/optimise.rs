@@ -1,7 +1,5 @@
 //! `rb-host optimise`
 
-#[path = "optimise_draw.rs"]
-mod draw;
 #[path = "optimise_model.rs"]
 mod meta;
 
@@ -41,8 +39,6 @@ enum What {
     Gait(GaitArgs),
     /// Match the simulator to films of the robot: the 22 parameters of the paper's Table II, or any subset
     Model(meta::ModelArgs),
-    /// Draw a model at random inside the ranges of Table II: a robot with unknown parameters, to try a fit on
-    Draw(draw::DrawArgs),
 }
 
 #[derive(Debug, ClapArgs)]
@@ -98,7 +94,6 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     match &args.what {
         What::Gait(args) => search_gaits(args, context),
         What::Model(args) => meta::run(args, context),
-        What::Draw(args) => draw::run(args, context),
     }
 }
 

@@ -1,10 +1,9 @@
 //! `rb-host optimise model`
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use clap::Args as ClapArgs;
-use files::dataset::Manifest;
 use files::model::{Key, Model};
 use optimise::meta::{
     FilmMaker, FilmedGait, Fit, Likeness, PAPER_ITERATIONS, PAPER_PARTICLES, TableIii, rows_of,
@@ -98,7 +97,7 @@ pub(super) fn run(args: &ModelArgs, context: &Context) -> Outcome {
     let begun = Instant::now();
     let folder = Folder::open(&args.output, args.resume)?;
     let told = Told::gather(args, &folder)?;
-    let manifest = read_manifest(&args.data)?;
+    let manifest = films::read_manifest(&args.data)?;
     context.out.say("reading films");
     let height_m = told.model.value(Key::CameraHeight);
     let gaits = films::load(&args.data, &manifest, &told.training, height_m)?;
@@ -308,14 +307,4 @@ fn parse_rows(text: &str) -> Outcome<Vec<u8>> {
         rows.extend(low..=high);
     }
     Ok(rows)
-}
-
-fn read_manifest(folder: &Path) -> Outcome<Manifest> {
-    let path = folder.join("dataset.toml");
-    let shown = path.display().to_string();
-    let text = std::fs::read_to_string(&path)
-        .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
-    let (manifest, _) =
-        Manifest::parse(&shown, &text).map_err(|error| Failure::new(Exit::BadFile, error))?;
-    Ok(manifest)
 }

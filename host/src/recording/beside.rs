@@ -5,13 +5,14 @@
 
 use std::path::Path;
 
+use camera::Silhouette;
 use camera::sync::{Alignment, SyncError, Travel, align};
-use camera::{Silhouette, picture};
 use serde_json::{Value, json};
 
 use super::reader::RunData;
 use super::timing::Timing;
 use crate::failure::{Exit, Failure, Outcome};
+use crate::searching::frames::Frames;
 
 /// A frame and its instant.
 #[derive(Debug, Clone, PartialEq)]
@@ -189,16 +190,11 @@ pub fn alignment_json(alignment: &Alignment) -> Value {
 /// # Errors
 /// Exit code 1 when the disk refuses.
 pub fn write_film(folder: &Path, film: &[TimedFrame]) -> Outcome {
-    std::fs::create_dir_all(folder)?;
-    let mut index = String::from("t_s,file\n");
-    for (k, frame) in film.iter().enumerate() {
-        let file = format!("{k:05}.png");
-        let png =
-            picture::silhouette_png(&frame.silhouette).map_err(|e| Failure::new(Exit::Other, e))?;
-        std::fs::write(folder.join(&file), png)?;
-        index.push_str(&format!("{:.6},{file}\n", frame.t_s));
-    }
-    Ok(std::fs::write(folder.join("index.csv"), index)?)
+    let frames = Frames {
+        t_s: film.iter().map(|frame| frame.t_s).collect(),
+        frames: film.iter().map(|frame| frame.silhouette.clone()).collect(),
+    };
+    frames.write_into(folder)
 }
 
 /// Reads a folder of silhouettes, in the order of its `index.csv` (`t_s,file`).
@@ -206,30 +202,11 @@ pub fn write_film(folder: &Path, film: &[TimedFrame]) -> Outcome {
 /// # Errors
 /// Exit code 3 with file and line.
 pub fn read_frames(folder: &Path) -> Outcome<Vec<TimedFrame>> {
-    let index = folder.join("index.csv");
-    let shown = index.display().to_string();
-    let bad = |line: usize, why: String| {
-        Failure::say(Exit::BadFile, format!("{shown}:{line}: {why}"))
-            .hint("each line is `t_s,file`, the first is that header")
-    };
-    let text = std::fs::read_to_string(&index)
-        .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
-    let mut film = Vec::new();
-    for (k, line) in text.lines().enumerate().skip(1) {
-        let (t_s, file) = line
-            .split_once(',')
-            .ok_or_else(|| bad(k + 1, "no comma".to_owned()))?;
-        let t_s = t_s
-            .trim()
-            .parse()
-            .map_err(|e| bad(k + 1, format!("time {t_s:?}: {e}")))?;
-        let bytes = std::fs::read(folder.join(file.trim()))
-            .map_err(|e| bad(k + 1, format!("{file}: {e}")))?;
-        let silhouette =
-            picture::read_silhouette_png(&bytes).map_err(|e| bad(k + 1, format!("{file}: {e}")))?;
-        film.push(TimedFrame { t_s, silhouette });
-    }
-    Ok(film)
+    let Frames { t_s, frames } = Frames::read(folder)?;
+    let timed = t_s.into_iter().zip(frames);
+    Ok(timed
+        .map(|(t_s, silhouette)| TimedFrame { t_s, silhouette })
+        .collect())
 }
 
 /// Header of a track: times of the camera's clock and the base columns of the data set format.

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use camera::Silhouette;
+use control::gait::Gait;
 use control::linalg::Pose;
 use files::dataset::{Camera, Manifest, Recording, Role, Run};
 use files::model::Key;
@@ -120,7 +121,7 @@ fn load_gait(
             runs.push(run);
         }
     }
-    let gait = crate::gait_file::load(&folder.join("gaits").join(format!("{name}.toml")))?;
+    let gait = read_gait(folder, name)?;
     let bad = |why: String| Failure::say(Exit::BadFile, format!("gait {name}: {why}"));
     let is_training = match training {
         [] => runs.iter().all(|run| run.role == Some(Role::Fit)),
@@ -139,8 +140,33 @@ fn load_gait(
     Ok(filmed)
 }
 
+/// The manifest of a data set folder.
+///
+/// # Errors
+/// Exit code 3 with file and line.
+pub fn read_manifest(folder: &Path) -> Outcome<Manifest> {
+    let path = folder.join("dataset.toml");
+    let shown = path.display().to_string();
+    let text = std::fs::read_to_string(&path)
+        .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
+    let (manifest, _) =
+        Manifest::parse(&shown, &text).map_err(|error| Failure::new(Exit::BadFile, error))?;
+    Ok(manifest)
+}
+
+/// A gait of a data set folder.
+///
+/// # Errors
+/// Exit code 3 with file and line.
+pub fn read_gait(folder: &Path, name: &str) -> Outcome<Gait> {
+    crate::gait_file::load(&folder.join("gaits").join(format!("{name}.toml")))
+}
+
 /// Body 3 at the start of the gait, by the first row of the run that has a base pose; `None` when it was not measured.
-fn start(folder: &Path, manifest: &Manifest, run: &Run) -> Outcome<Option<Pose>> {
+///
+/// # Errors
+/// Exit code 3 with file and line.
+pub fn start(folder: &Path, manifest: &Manifest, run: &Run) -> Outcome<Option<Pose>> {
     let path = folder.join(&run.file);
     let shown = path.display().to_string();
     let text = std::fs::read_to_string(&path)

@@ -11,7 +11,7 @@ use crate::failure::{Exit, Failure, Outcome};
 /// Name of the list inside the folder.
 pub const INDEX: &str = "index.csv";
 /// Its first line.
-const HEADER: &str = "t_s,file";
+pub const HEADER: &str = "t_s,file";
 
 /// Silhouettes with their times, in rising order.
 #[derive(Debug, Clone, PartialEq)]
@@ -49,6 +49,15 @@ impl Frames {
     /// Exit code 2 when the folder holds something; 1 when the disk refuses.
     pub fn write(&self, folder: &Path) -> Outcome {
         make_empty(folder)?;
+        self.write_into(folder)
+    }
+
+    /// Writes into a folder, over frames that it may hold.
+    ///
+    /// # Errors
+    /// Exit code 1 when the disk refuses.
+    pub fn write_into(&self, folder: &Path) -> Outcome {
+        std::fs::create_dir_all(folder)?;
         let mut text = format!("{HEADER}\n");
         for (k, (t_s, frame)) in self.t_s.iter().zip(&self.frames).enumerate() {
             let file = format!("{k:05}.png");

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 mod bad_gaits;
+mod camera;
 mod commands;
 mod docs;
 mod dropout;

@@ -108,6 +108,10 @@ pub struct FilmedGait {
     /// Body 3 at the start of the gait in the camera's world; simulated motions are laid onto it. `None` when it was not measured: then
     /// the robot was put down where the simulation begins, at the origin along x.
     pub start: Option<Pose>,
+    /// R_H, equation (8).
+    pub repeatability: f64,
+    /// Mean speed on the robot, m/s.
+    pub mean_speed_m_s: f64,
     /// W_gait, equation (7).
     pub weight: f64,
     /// Whether the fit may see it.
@@ -131,12 +135,14 @@ impl FilmedGait {
             return Err(MetaError::NeverSeen { trial: trial + 1 });
         }
         let trials: Vec<&[Silhouette]> = films.iter().map(Vec::as_slice).collect();
-        let weight = gait_weight(mean_speed_m_s, repeatability(&trials)?);
+        let repeatability = repeatability(&trials)?;
         Ok(Self {
             gait,
             films,
             start,
-            weight,
+            repeatability,
+            mean_speed_m_s,
+            weight: gait_weight(mean_speed_m_s, repeatability),
             training,
         })
     }
@@ -240,8 +246,44 @@ impl FilmMaker {
         Ok(film)
     }
 
+    /// The film of a motion made for these instants, laid onto a measured start of body 3.
+    ///
+    /// # Errors
+    /// When the camera height is impossible.
+    pub fn film_of(
+        &self,
+        motion: &Motion,
+        parameters: &[f64; ROWS],
+        start: Option<&Pose>,
+    ) -> Result<Vec<Silhouette>, ViewError> {
+        let mut film = Vec::new();
+        self.show_motion(
+            motion,
+            parameters,
+            start,
+            &mut Canvas::default(),
+            |_, frame| film.push(frame.cropped()),
+        )?;
+        Ok(film)
+    }
+
+    /// As [`FilmMaker::film_of`], frame by frame.
+    pub(super) fn show_motion(
+        &self,
+        motion: &Motion,
+        parameters: &[f64; ROWS],
+        start: Option<&Pose>,
+        canvas: &mut Canvas,
+        look: impl FnMut(usize, &Silhouette),
+    ) -> Result<(), ViewError> {
+        let placement = start.map_or_else(Placement::default, |start| {
+            Placement::onto(&motion.start, start)
+        });
+        self.show(&motion.bodies, parameters, placement, canvas, look)
+    }
+
     /// Draws poses one after the other and shows each frame with its index.
-    pub(super) fn show<'a>(
+    fn show<'a>(
         &self,
         poses: impl IntoIterator<Item = &'a [Pose; BODIES]>,
         parameters: &[f64; ROWS],

@@ -1,7 +1,7 @@
 //! The objective: equation (6) over the training gaits.
 
 use super::MetaError;
-use super::film::{Canvas, FilmMaker, FilmedGait, Motion, MotionJob, MotionTrials, Placement};
+use super::film::{Canvas, FilmMaker, FilmedGait, Motion, MotionJob, MotionTrials};
 use crate::table2::ROWS;
 use camera::similarity::{SimilarityError, meta_fitness, ratio};
 use rayon::prelude::*;
@@ -122,11 +122,9 @@ impl<'a> Likeness<'a> {
                 }
             }
         };
-        let placement = filmed.start.map_or_else(Placement::default, |start| {
-            Placement::onto(&motion.start, &start)
-        });
+        let start = filmed.start.as_ref();
         self.maker
-            .show(&motion.bodies, parameters, placement, canvas, look)?;
+            .show_motion(motion, parameters, start, canvas, look)?;
         if let Some(frame) = odd_size {
             return Err(SimilarityError::FrameSize { frame }.into());
         }

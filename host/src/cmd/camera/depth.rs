@@ -1,0 +1,274 @@
+//! `rb-host camera import`, `background` and `silhouette`: from what a camera recorded to silhouettes.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use camera::depth::{self, DepthFrame, Samples};
+use camera::{Silhouette, picture};
+use rayon::prelude::*;
+use serde_json::json;
+
+use crate::cmd::write_new;
+use crate::context::Context;
+use crate::failure::{Exit, Failure, Outcome};
+use crate::searching::films;
+use crate::searching::frames::{Frames, HEADER, INDEX, index, make_empty};
+
+#[derive(Debug, clap::Args)]
+pub(super) struct ImportArgs {
+    /// Folder of fakenect-record (INDEX.txt), or of PGM or PNG pictures whose names sort in time
+    source: PathBuf,
+    /// Folder to write: frames and index.csv
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// Frames per second of a folder without times
+    #[arg(long, value_name = "HZ", default_value_t = films::RATE_HZ)]
+    rate: f64,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct BackgroundArgs {
+    /// Imported folder of depth frames
+    depth: PathBuf,
+    /// PGM to write
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Overwrite an existing file
+    #[arg(long)]
+    force: bool,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct SilhouetteArgs {
+    /// Imported folder of depth frames
+    depth: PathBuf,
+    /// Empty scene from `camera background`; the median of these frames when absent
+    #[arg(long, value_name = "FILE")]
+    background: Option<PathBuf>,
+    /// Folder to write: 1-bit PNG and index.csv
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// How much closer than the background the robot is, in raw units of the camera
+    #[arg(long, value_name = "RAW", default_value_t = 10)]
+    step: u16,
+}
+
+/// Depth frames that the background is taken from at most; enough for a median, few enough for memory.
+const BACKGROUND_FRAMES: usize = 61;
+
+/// A picture of the source and its time.
+struct Source {
+    path: PathBuf,
+    t_s: f64,
+    samples: Samples,
+}
+
+enum Picture {
+    Depth(DepthFrame),
+    Silhouette(Silhouette),
+}
+
+/// Reads foreign pictures and writes a folder of ours.
+pub(super) fn import(args: &ImportArgs, context: &Context) -> Outcome {
+    if !(args.rate.is_finite() && args.rate > 0.0) {
+        let message = format!("--rate {}: it must be above 0", args.rate);
+        return Err(Failure::say(Exit::Usage, message));
+    }
+    let sources = sources(&args.source, args.rate)?;
+    make_empty(&args.output)?;
+    let names = sources
+        .par_iter()
+        .enumerate()
+        .map(|(k, source)| convert(k, source, &args.output))
+        .collect::<Outcome<Vec<(String, [usize; 2])>>>()?;
+    let (first, size) = &names[0];
+    let extension = |name: &str| Path::new(name).extension().map(ToOwned::to_owned);
+    for ((name, found), source) in names.iter().zip(&sources) {
+        if found != size || extension(name) != extension(first) {
+            let shown = source.path.display();
+            let message = format!("{shown} is not of the size and kind of the first picture");
+            return Err(Failure::say(Exit::BadFile, message)
+                .hint("a film has pictures of one size, all depth or all silhouettes"));
+        }
+    }
+    let mut text = format!("{HEADER}\n");
+    for ((name, _), source) in names.iter().zip(&sources) {
+        let _ = writeln!(text, "{:.6},{name}", source.t_s);
+    }
+    std::fs::write(args.output.join(INDEX), text)?;
+    let kind = if first.ends_with("pgm") {
+        "depth frames"
+    } else {
+        "silhouettes"
+    };
+    let length_s = sources.last().map_or(0.0, |last| last.t_s);
+    let value = json!({
+        "folder": args.output, "frames": names.len(), "kind": kind, "length_s": length_s, "width_px": size[0], "height_px": size[1],
+    });
+    context.out.result("rb.camera_import/1", value, || {
+        format!(
+            "{} {kind} of {} x {} pixels, {length_s:.2} s, in {}",
+            names.len(),
+            size[0],
+            size[1],
+            args.output.display()
+        )
+    });
+    Ok(())
+}
+
+/// The pictures of a folder in the order of time, the first at 0 s.
+fn sources(folder: &Path, rate_hz: f64) -> Outcome<Vec<Source>> {
+    let shown = folder.display();
+    let dump = folder.join("INDEX.txt");
+    let mut sources: Vec<Source> = if dump.exists() {
+        let text = std::fs::read_to_string(&dump)?;
+        let entries = depth::read_fakenect_index(&text).into_iter();
+        let source = |entry: depth::IndexEntry| Source {
+            path: folder.join(entry.file),
+            t_s: entry.t_s,
+            samples: Samples::LittleEndian,
+        };
+        entries.map(source).collect()
+    } else {
+        let entries = std::fs::read_dir(folder)
+            .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
+        let mut paths = entries
+            .map(|entry| entry.map(|entry| entry.path()))
+            .collect::<Result<Vec<PathBuf>, _>>()?;
+        paths.retain(|path| path.extension().is_some_and(|e| e == "pgm" || e == "png"));
+        paths.sort();
+        let source = |(k, path)| Source {
+            path,
+            t_s: k as f64 / rate_hz,
+            samples: Samples::BigEndian,
+        };
+        paths.into_iter().enumerate().map(source).collect()
+    };
+    let Some(first_s) = sources.first().map(|first| first.t_s) else {
+        return Err(Failure::say(Exit::BadFile, format!("{shown} holds no depth frame")).hint(
+            "give a folder of fakenect-record (INDEX.txt with d-*.pgm) or one of .pgm or .png pictures",
+        ));
+    };
+    sources.iter_mut().for_each(|source| source.t_s -= first_s);
+    // A dump can hold a frame twice with one time stamp.
+    sources.dedup_by(|later, earlier| later.t_s <= earlier.t_s);
+    Ok(sources)
+}
+
+/// Writes one picture in our form; its name and size.
+fn convert(k: usize, source: &Source, output: &Path) -> Outcome<(String, [usize; 2])> {
+    let picture = read_picture(source)?;
+    let (name, size, bytes) = match picture {
+        Picture::Depth(frame) => (
+            format!("{k:05}.pgm"),
+            [frame.width, frame.height],
+            depth::write_pgm(&frame),
+        ),
+        Picture::Silhouette(frame) => (
+            format!("{k:05}.png"),
+            [frame.width(), frame.height()],
+            picture::silhouette_png(&frame).map_err(|e| Failure::new(Exit::Other, e))?,
+        ),
+    };
+    std::fs::write(output.join(&name), bytes)?;
+    Ok((name, size))
+}
+
+fn read_picture(source: &Source) -> Outcome<Picture> {
+    let path = &source.path;
+    let bad =
+        |e: &dyn std::fmt::Display| Failure::say(Exit::BadFile, format!("{}: {e}", path.display()));
+    let bytes = std::fs::read(path).map_err(|e| bad(&e))?;
+    if path.extension().is_some_and(|e| e == "pgm") {
+        let frame = depth::read_pgm(&bytes, source.samples).map_err(|e| bad(&e))?;
+        return Ok(Picture::Depth(frame));
+    }
+    match depth::read_png(&bytes) {
+        Ok(frame) => Ok(Picture::Depth(frame)),
+        Err(picture::PictureError::NoDepth { .. }) => picture::read_silhouette_png(&bytes)
+            .map(Picture::Silhouette)
+            .map_err(|e| bad(&e)),
+        Err(error) => Err(bad(&error)),
+    }
+}
+
+/// Writes the median of a recording.
+pub(super) fn background(args: &BackgroundArgs, context: &Context) -> Outcome {
+    let listed = index(&args.depth)?;
+    let ground = median(&args.depth, &listed)?;
+    write_new(&args.output, &depth::write_pgm(&ground), args.force)?;
+    let unknown = ground.raw.iter().filter(|&&r| r == depth::NO_READING);
+    let share = unknown.count() as f64 / ground.raw.len().max(1) as f64;
+    let value =
+        json!({ "file": args.output, "frames": listed.len(), "share_without_reading": share });
+    context.out.result("rb.camera_background/1", value, || {
+        format!(
+            "{}: median of {} frames, {:.1} % of the pixels without a reading",
+            args.output.display(),
+            listed.len().min(BACKGROUND_FRAMES),
+            share * 100.0
+        )
+    });
+    Ok(())
+}
+
+/// The median over frames spread evenly through a recording.
+fn median(folder: &Path, listed: &[(usize, f64, String)]) -> Outcome<DepthFrame> {
+    let every = listed.len().div_ceil(BACKGROUND_FRAMES).max(1);
+    let frames = listed
+        .iter()
+        .step_by(every)
+        .map(|(_, _, file)| read_depth(&folder.join(file)))
+        .collect::<Outcome<Vec<_>>>()?;
+    depth::background(&frames)
+        .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", folder.display())))
+}
+
+fn read_depth(path: &Path) -> Outcome<DepthFrame> {
+    let bad = |e: &dyn std::fmt::Display| {
+        Failure::say(Exit::BadFile, format!("{}: {e}", path.display()))
+            .hint("depth frames are 16-bit PGM; `rb-host camera import` makes them")
+    };
+    let bytes = std::fs::read(path).map_err(|e| bad(&e))?;
+    depth::read_pgm(&bytes, Samples::BigEndian).map_err(|e| bad(&e))
+}
+
+/// Cuts the robot out of every frame.
+pub(super) fn silhouette(args: &SilhouetteArgs, context: &Context) -> Outcome {
+    let listed = index(&args.depth)?;
+    let ground = match &args.background {
+        Some(path) => read_depth(path)?,
+        None => median(&args.depth, &listed)?,
+    };
+    let frames = listed
+        .par_iter()
+        .map(|(_, _, file)| {
+            let path = args.depth.join(file);
+            let cut = depth::silhouette(&read_depth(&path)?, &ground, args.step);
+            cut.map(|frame| frame.cropped())
+                .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())))
+        })
+        .collect::<Outcome<Vec<Silhouette>>>()?;
+    let t_s = listed.iter().map(|(_, t_s, _)| *t_s).collect();
+    let empty = frames.iter().filter(|frame| frame.area_px() == 0).count();
+    let total: u64 = frames.iter().map(|frame| u64::from(frame.area_px())).sum();
+    let film = Frames { t_s, frames };
+    film.write(&args.output)?;
+    let (count, mean_px) = (film.frames.len(), total / film.frames.len().max(1) as u64);
+    if empty > 0 {
+        context.out.warn(format_args!(
+            "{empty} of {count} frames show no robot: it left the picture, or --step {} is too much",
+            args.step
+        ));
+    }
+    let value =
+        json!({ "folder": args.output, "frames": count, "empty": empty, "mean_area_px": mean_px });
+    context.out.result("rb.camera_silhouette/1", value, || {
+        format!(
+            "{count} silhouettes, {mean_px} pixels on average, in {}",
+            args.output.display()
+        )
+    });
+    Ok(())
+}
