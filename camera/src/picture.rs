@@ -5,6 +5,8 @@ use crate::Silhouette;
 pub(crate) const BLUE: [u8; 3] = [0x3b, 0x6f, 0xd4];
 pub(crate) const RED: [u8; 3] = [0xd6, 0x45, 0x3d];
 pub(crate) const GREEN: [u8; 3] = [0x3c, 0xa9, 0x5a];
+/// Lines between the frames of a strip.
+const BORDER: [u8; 3] = [0xbb, 0xbb, 0xbb];
 pub(crate) const GROUND: [u8; 3] = [0xfa, 0xfa, 0xf7];
 
 /// Why a picture could not be written or read.
@@ -171,12 +173,13 @@ pub fn film_strip_png(
         png::Encoder::new(&mut bytes, edge(width * columns), edge(height * rows.len()));
     encoder.set_color(png::ColorType::Rgb);
     let mut data = Vec::with_capacity(width * columns * height * rows.len() * 3);
-    for (row, colour) in &rows {
+    for (k, (row, colour)) in rows.iter().enumerate() {
         for y in 0..height {
             for column in 0..columns {
                 let frame = row.get(column);
                 data.extend((0..width).flat_map(|x| match frame {
                     Some(frame) if frame.get(x, y) => *colour,
+                    _ if (x == 0 && column > 0) || (y == 0 && k > 0) => BORDER,
                     _ => GROUND,
                 }));
             }

@@ -25,17 +25,17 @@ fn outline(x_m: f32) -> Silhouette {
     view.render(&camera::Solid::meta_module(&robot), bodies.bodies())
 }
 
-/// Where the robot is in frame `k`: from 0.4 m left to right.
+/// Where the robot is in frame `k`: from 0.9 m left to 0.9 m right.
 fn along_m(k: usize) -> f32 {
-    -0.4 + 0.8 * k as f32 / (FRAMES - 1) as f32
+    -0.9 + 1.8 * k as f32 / (FRAMES - 1) as f32
 }
 
-/// Depth with the robot 35 units closer than an uneven ground, and pixels without reading.
+/// Depth as a Kinect 2.27 m up has it: ground at 941 with a unit of noise, a lying robot's top 7 units closer, pixels without reading.
 fn depth(robot: Option<&Silhouette>) -> DepthFrame {
     let raw = |i: usize| match robot {
         _ if i.is_multiple_of(397) => NO_READING,
-        Some(robot) if robot.get(i % SIZE.0, i / SIZE.0) => 880,
-        _ => 915 + (i % 3) as u16,
+        Some(robot) if robot.get(i % SIZE.0, i / SIZE.0) => 934,
+        _ => 940 + (i % 3) as u16,
     };
     DepthFrame {
         width: SIZE.0,

@@ -95,7 +95,7 @@ pub(super) struct OverlayArgs {
 pub(super) struct StripArgs {
     #[command(flatten)]
     films: Films,
-    /// Frames in a row, the first and the last of the film among them
+    /// Frames in a row, from the first to the last that shows the robot or its simulation
     #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u16).range(1..=100))]
     frames: u16,
     /// PNG to write
@@ -146,8 +146,15 @@ pub(super) fn overlay(args: &OverlayArgs, context: &Context) -> Outcome {
 /// Writes the film strip.
 pub(super) fn strip(args: &StripArgs, context: &Context) -> Outcome {
     let pair = args.films.read()?;
-    let (last, count) = (pair.frames.len() - 1, usize::from(args.frames));
-    let at = |i: usize| (i * last).checked_div(count - 1).unwrap_or(0);
+    let shown =
+        |(robot, simulated): &(Silhouette, Silhouette)| robot.area_px() + simulated.area_px() > 0;
+    let first = pair.frames.iter().position(shown).unwrap_or(0);
+    let last = pair.frames.iter().rposition(shown).unwrap_or(0);
+    let count = usize::from(args.frames);
+    let at = |i: usize| {
+        let further = i * (last - first);
+        first + further.checked_div(count - 1).unwrap_or(0)
+    };
     let picked: Vec<usize> = (0..count).map(at).collect();
     let robot: Vec<&Silhouette> = picked.iter().map(|&k| &pair.frames[k].0).collect();
     let simulated: Vec<&Silhouette> = picked.iter().map(|&k| &pair.frames[k].1).collect();
