@@ -217,10 +217,11 @@ impl DriveState {
         self.current_a += (self.motor.current_a - self.current_a) * (dt_s / SHUNT_S).min(1.0);
     }
 
-    /// Starts from a link angle of another reality: without play the gear stands where the link does.
-    pub(super) fn rejoin(&mut self, p: &DriveParams) {
+    /// Goes on in another reality from where the encoder stands: without play the link stands there too.
+    pub(super) fn rejoin(&mut self, p: &DriveParams, link_rad: &mut f64) {
         if p.motor.transmission.is_rigid() {
-            self.motor.gear_rad = self.motor.link_rad;
+            *link_rad = self.motor.gear_rad;
+            self.motor.link_rad = self.motor.gear_rad;
         }
     }
 }

@@ -190,17 +190,13 @@ impl<'a> Machine<'a> {
             STEP_S
         };
         let mut body = Body::new(Arc::clone(&params), &options(step_s)).ok()?;
-        body.place(
-            &from.base,
-            &from.twist,
-            &from.angles_rad,
-            &from.speeds_rad_s,
-        )
-        .ok()?;
         let mut drives = from.drives.clone();
-        for (state, p) in drives.iter_mut().zip(&reality.drives) {
-            state.rejoin(p);
+        let mut angles_rad = from.angles_rad;
+        for ((state, p), angle) in drives.iter_mut().zip(&reality.drives).zip(&mut angles_rad) {
+            state.rejoin(p, angle);
         }
+        body.place(&from.base, &from.twist, &angles_rad, &from.speeds_rad_s)
+            .ok()?;
         Some(Self {
             reality,
             gait,

@@ -145,7 +145,10 @@ pub(super) fn csv(
     out
 }
 
-/// Sum of squares and count of the difference between applied and listed set-points at the rows of a recording.
+/// Step at which applied and listed set-points are compared, s: finer than any row and any graft.
+const COMPARED_S: f64 = 2.0e-3;
+
+/// Sum of squares and count of the difference between applied and listed set-points over a recording.
 pub(super) fn change(recording: &Recording, graft: Graft, longest_s: f64) -> (f64, f64) {
     let applied = events(recording, Graft::None, &mut Rng::new(0, 0, 0));
     let listed = events(recording, graft, &mut Rng::new(0, 0, 0));
@@ -155,12 +158,18 @@ pub(super) fn change(recording: &Recording, graft: Graft, longest_s: f64) -> (f6
         of.get(next.saturating_sub(1)).map_or(0.0, |e| e.1)
     };
     let begin = recording.t_s().first().copied().unwrap_or(0.0);
-    let mut sum = (0.0, 0.0);
-    for t in recording.t_s().iter().filter(|t| **t - begin <= longest_s) {
-        let d = held(&applied, *t) - held(&listed, t + late);
-        sum = (sum.0 + d * d, sum.1 + 1.0);
+    let end = recording
+        .t_s()
+        .last()
+        .map_or(begin, |t| t.min(begin + longest_s));
+    let steps = ((end - begin) / COMPARED_S) as usize;
+    let mut squares = 0.0;
+    for k in 0..steps {
+        let t = begin + k as f64 * COMPARED_S;
+        let d = held(&applied, t) - held(&listed, t + late);
+        squares += d * d;
     }
-    sum
+    (squares, steps as f64)
 }
 
 /// What a column is to a graft.
