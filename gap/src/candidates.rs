@@ -1,11 +1,15 @@
 //! Which parameters the fit may move: the nominal ones within their tolerances, and one candidate per effect.
 
+mod irregular;
+
 use files::dataset::{Command, Output};
 
 use crate::fit::{Free, Map};
 use crate::joint::{Channel, P, Params, Problem, Trace, simulate};
 use crate::math;
 use crate::vocabulary::Effect;
+
+pub use irregular::{Irregular, irregular};
 
 /// An effect as the fit tries it.
 #[derive(Debug, Clone, PartialEq)]
@@ -177,6 +181,20 @@ fn exact(tolerance: f64) -> f64 {
     }
 }
 
+/// Effort per ampere at `params`.
+#[must_use]
+pub fn effort_per_ampere(problem: &Problem, params: &Params) -> f64 {
+    let nominal = problem.runs.first().map_or(1.0, |r| {
+        let n = &r.nominal;
+        if n.no_load_speed.is_finite() {
+            n.supply_v / n.no_load_speed
+        } else {
+            n.stall / n.supply_v.max(1e-9)
+        }
+    });
+    (nominal * params.get(P::Motor)).max(1e-12)
+}
+
 /// Whether any run measured this channel.
 #[must_use]
 pub fn measured(problem: &Problem, channel: Channel) -> bool {
@@ -185,37 +203,6 @@ pub fn measured(problem: &Problem, channel: Channel) -> bool {
             .iter()
             .any(|s| s.measured[channel as usize].is_finite())
     })
-}
-
-/// Whether set-points arrive irregularly, by the driver's echo.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Irregular {
-    jitter: bool,
-    loss: bool,
-}
-
-/// Looks at the echoes of all runs.
-#[must_use]
-pub fn irregular(problem: &Problem) -> Irregular {
-    let found = crate::joint::arrival::regularity(&problem.runs);
-    // Delays seen through rows of one period spread by up to half of it; lost ones in a hundred are no accident.
-    let jitter = found.is_some_and(|r| r.spread_s > 0.55 * r.doubt_s);
-    Irregular {
-        jitter,
-        loss: !jitter && found.is_some_and(|r| r.lost > 0.01),
-    }
-}
-
-impl Irregular {
-    /// Whether an effect may be tried.
-    #[must_use]
-    pub fn admits(self, e: Effect) -> bool {
-        match e {
-            Effect::Jitter => self.jitter,
-            Effect::PacketLoss => self.loss,
-            _ => true,
-        }
-    }
 }
 
 struct List(Vec<Candidate>);
@@ -441,10 +428,9 @@ fn electrical(list: &mut List, problem: &Problem, s: &Scales, n: &crate::joint::
                 ohm,
             );
         }
-    } else {
-        let free = linear(P::TorqueLimit, 0.2 * s.effort, 1e-9, 1e9);
-        list.one(Effect::TorqueLimit, "", free, &shares, s.effort);
     }
+    let free = linear(P::TorqueLimit, 0.2 * s.effort, 1e-9, 1e9);
+    list.one(Effect::TorqueLimit, "", free, &shares, s.effort);
     let free = vec![
         Free {
             p: P::DerateTime,

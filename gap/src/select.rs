@@ -13,8 +13,11 @@ pub use exchange::Rival;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Options {
     /// Least gain of the held-out cost for an effect to be believed, as a share of what is left after it plus the model
-    /// error that is allowed for. Calibrated on emulated joints without an effect.
+    /// error that is allowed for.
     pub least_gain: f64,
+    /// Least evidence: independent samples times the logarithm of one plus the gain, twice a log-likelihood ratio.
+    /// Calibrated on emulated joints without an effect, where the best of all candidates reaches 18.
+    pub least_evidence: f64,
     /// Model error that is allowed for, as a share of the cost before any effect: what two simulators of one law differ
     /// by grows with the law.
     pub model_error: f64,
@@ -29,7 +32,8 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            least_gain: 0.4,
+            least_gain: 0.12,
+            least_evidence: 26.0,
             model_error: 0.001,
             most: 5,
             refined: 6,
@@ -37,6 +41,9 @@ impl Default for Options {
         }
     }
 }
+
+/// A base parameter beyond this many tolerances is a gap.
+const PULL: f64 = 3.0;
 
 /// Other branches that are looked at when a second effect comes in: the greedy first one may be half of two.
 const BRANCHES: usize = 2;
@@ -263,38 +270,38 @@ impl Search<'_> {
         all.sort_by(|a, b| a.score.total_cmp(&b.score));
     }
 
-    /// Refits a candidate from all its starts: non-smooth parameters have more than one valley.
+    /// Refits a candidate from all its starts: non-smooth parameters have more than one valley. And once with the nominal
+    /// parameters back at their stated values, which a large effect may have pulled far away before it was known.
     fn deepen(&self, o: &Objective<'_>, node: &Node, linear: &Linear, best: &mut Try) {
         let c = &self.library[best.candidate];
-        if c.starts.len() < 2 {
-            return;
-        }
-        let mut all: Vec<Try> = c
-            .starts
-            .iter()
-            .map(|s| Try {
-                score: 0.0,
-                model: with(&node.model, c, s),
-                candidate: best.candidate,
-            })
-            .collect();
-        let moved = node.found.iter().map(|f| f.candidate.moving()).sum();
+        let attempt = |model: Model| Try {
+            score: f64::INFINITY,
+            model,
+            candidate: best.candidate,
+        };
+        let starts = c.starts.iter().filter(|_| c.starts.len() > 1);
+        let mut all: Vec<Try> = starts.map(|s| attempt(with(&node.model, c, s))).collect();
+        let effects = || node.found.iter().map(|f| &f.candidate).chain([c]);
+        let moved = effects().map(Candidate::moving).sum::<usize>() - c.moving();
         self.refit_shared(o, linear, &mut all, moved, 4);
         all.truncate(1);
-        if all.iter().any(|t| t.score < 1.5 * best.score) {
-            self.refit(o, &mut all, 3);
+        all.retain(|t| t.score < 1.5 * best.score);
+        let mut stated = best.model.clone();
+        for f in best.model.free.iter().filter(|f| f.tolerance.is_some()) {
+            stated.params.set(f.p, Params::neutral(f.p));
         }
+        all.push(attempt(stated));
+        self.refit(o, &mut all, 5);
         if let Some(first) = all.into_iter().next().filter(|t| t.score < best.score) {
             *best = first;
         }
-        let moving: Vec<P> = node
-            .found
-            .iter()
-            .flat_map(|f| &f.candidate.free)
-            .chain(&c.free)
-            .map(|f| f.p)
-            .collect();
+        let moving: Vec<P> = effects().flat_map(|c| &c.free).map(|f| f.p).collect();
         best.score = self.score(o.jiggle(&mut best.model, &moving), c);
+    }
+
+    /// What gains are measured against: the cost that is left, never below the floor, and the model error allowed for.
+    fn scale(&self, left: f64, first: f64) -> f64 {
+        (left.max(self.floor_cost) + self.options.model_error * first).max(1e-12)
     }
 
     /// Largest distance of the base parameters of `c` from nominal, in tolerances; infinite where it has none.
@@ -322,11 +329,14 @@ impl Search<'_> {
         let held = self.held_out(o, &t.model);
         let before = node.held_out() + o.prior_cost(&node.model);
         let after = held.iter().sum::<f64>() + o.prior_cost(&t.model);
-        let gain = (before - after) / (after + self.options.model_error * first).max(1e-12);
+        let gain = (before - after) / self.scale(after, first);
         let wins = held.iter().zip(&node.held).filter(|(a, b)| a < b).count();
         let pull = self.pull(c, &t.model.params);
         let majority = 2 * wins > held.len() || held.len() < 3 || c.effect.is_base();
-        let believed = gain > self.options.least_gain && majority && pull > 3.0;
+        // A base parameter that left its tolerance even against its prior is evidence of its own.
+        let off = c.effect.is_base() && self.pull(c, &node.model.params) > PULL;
+        let enough = self.enough(gain) || (off && gain > self.options.least_gain);
+        let believed = enough && majority && pull > PULL;
         let out = Considered {
             effect: c.effect,
             step: node.found.len(),
@@ -375,13 +385,18 @@ impl Search<'_> {
     fn gains(&self, o: &Objective<'_>, node: &Node, next: &Node, first: f64) -> bool {
         let before = node.held_out() + o.prior_cost(&node.model);
         let after = next.held_out() + o.prior_cost(&next.model);
-        before - after > self.options.least_gain * (after + self.options.model_error * first)
+        self.enough((before - after) / self.scale(after, first))
     }
 
     /// Whether any effect could still gain enough.
     fn room(&self, held_out: f64, first: f64) -> bool {
-        let most = held_out - 0.5 * self.floor_cost;
-        most > self.options.least_gain * (0.5 * self.floor_cost + self.options.model_error * first)
+        self.enough((held_out - 0.5 * self.floor_cost) / self.scale(0.0, first))
+    }
+
+    /// Whether a gain is large enough to be believed.
+    fn enough(&self, gain: f64) -> bool {
+        let evidence = self.independent * libm::log1p(gain.max(0.0));
+        gain > self.options.least_gain && evidence > self.options.least_evidence
     }
 
     /// Runs the search from the calibrated nominal model.
@@ -417,9 +432,10 @@ impl Search<'_> {
             let Some((_, next)) = best else { break };
             if node.found.is_empty() {
                 let chosen = next.found.last().map(|f| f.candidate.effect);
-                branches = self.branches(&o, &node, &tries, chosen);
+                branches = self.branches(&node, &tries, chosen);
             }
             node = next;
+            self.settle(&mut node);
             steps.push(step(node.found.last().map(|f| f.candidate.effect), &node));
             self.prune(&mut node, first);
         }
@@ -439,26 +455,39 @@ impl Search<'_> {
         }
     }
 
+    /// Refits a node with priors that weigh what they should at its present error: while a large effect was missing they
+    /// weighed too much.
+    fn settle(&self, node: &mut Node) {
+        let mut last = f64::INFINITY;
+        for _ in 0..4 {
+            let o = self.tuned(&node.model);
+            let cost = o.polish(&mut node.model, 4);
+            node.held = self.held_out(&o, &node.model);
+            if cost > 0.9 * last {
+                return;
+            }
+            last = cost;
+        }
+    }
+
     /// The next best first effects, as nodes of their own.
-    fn branches(
-        &self,
-        o: &Objective<'_>,
-        node: &Node,
-        tries: &[Try],
-        chosen: Option<Effect>,
-    ) -> Vec<Node> {
+    fn branches(&self, node: &Node, tries: &[Try], chosen: Option<Effect>) -> Vec<Node> {
         let others = tries
             .iter()
             .filter(|t| Some(self.library[t.candidate].effect) != chosen);
         others
             .take(BRANCHES)
-            .map(|t| Node {
-                model: t.model.clone(),
-                found: vec![Found {
-                    candidate: self.library[t.candidate].clone(),
-                    gain: 0.0,
-                }],
-                held: self.held_out(o, &t.model),
+            .map(|t| {
+                let mut branch = Node {
+                    model: t.model.clone(),
+                    found: vec![Found {
+                        candidate: self.library[t.candidate].clone(),
+                        gain: 0.0,
+                    }],
+                    held: Vec::new(),
+                };
+                self.settle(&mut branch);
+                branch
             })
             .filter(|n| n.held_out() < node.held_out())
             .collect()
@@ -486,8 +515,7 @@ impl Search<'_> {
             let Some((cost, i, held)) = weakest else {
                 return;
             };
-            let loss = (cost - now) / (now + self.options.model_error * first).max(1e-12);
-            if loss > self.options.least_gain {
+            if self.enough((cost - now) / self.scale(now, first)) {
                 return;
             }
             node.found.remove(i);

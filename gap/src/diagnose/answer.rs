@@ -1,7 +1,10 @@
 //! From the search to the verdict.
 
+mod word;
+
 use std::collections::BTreeMap;
 
+use self::word::{REMAINDER, probabilities, remainder, word};
 use super::{Diagnosis, Settings};
 use crate::candidates::{self, Candidate};
 use crate::fit;
@@ -14,8 +17,6 @@ use crate::vocabulary::{Effect, Stage};
 
 /// Two models explain the data equally well below this many standard deviations.
 const MARGIN: f64 = 3.0;
-/// A remainder of this many floors is significant.
-const REMAINDER: f64 = 2.0;
 
 fn per_run(d: &Diagnosis, params: &Params, ideal: bool, absolute: bool) -> Vec<f64> {
     let one = |r: &usize| {
@@ -128,29 +129,6 @@ fn gap(d: &Diagnosis, settings: &Settings) -> Gap {
             .iter()
             .map(|r| d.problem.runs[*r].name.clone())
             .collect(),
-    }
-}
-
-/// Cost of the final model over that of a perfect one.
-fn remainder(d: &Diagnosis) -> f64 {
-    (d.selection.held_out / d.floor_cost.max(1e-9)).sqrt()
-}
-
-fn word(d: &Diagnosis, gap: &Gap) -> Word {
-    let found = &d.selection.found;
-    let first = d.selection.steps.first().map_or(0.0, |s| s.held_out);
-    let floor = d.floor_cost;
-    let explained = 1.0 - (d.selection.held_out - floor).max(0.0) / (first - floor).max(1e-9);
-    let left = remainder(d) > REMAINDER;
-    let repeats = d.floor.repeat.is_some();
-    match (found.is_empty(), left) {
-        (true, false) => Word::None,
-        (true, true) if repeats || gap.shrink < 0.25 => Word::Unknown,
-        (true, true) => Word::PartlyExplained,
-        (false, true) if repeats && explained < 0.8 => Word::Unknown,
-        (false, true) => Word::PartlyExplained,
-        (false, false) if found.iter().all(|f| f.candidate.effect.is_base()) => Word::Parametric,
-        (false, false) => Word::Explained,
     }
 }
 
@@ -325,8 +303,37 @@ fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
             ci95: s.ci95,
         })
         .collect();
+    if d.selection.found.is_empty() && remainder(d, settings) > REMAINDER {
+        suspect(d, &mut rows, regime);
+    }
     rows.sort_by(|a, b| b.share.total_cmp(&a.share));
     rows
+}
+
+/// Without an effect in the model the stages of the model say nothing of the place: the stage of the candidate that came
+/// nearest to being believed takes what it gained.
+fn suspect(d: &Diagnosis, rows: &mut Vec<Where>, regime: &str) {
+    let gains = d.selection.considered.iter().filter(|c| c.step == 0);
+    let Some(best) = gains.max_by(|a, b| a.gain.total_cmp(&b.gain)) else {
+        return;
+    };
+    let share = ((best.before - best.after) / best.before.max(1e-12)).clamp(0.05, 0.95);
+    rows.iter_mut().for_each(|r| r.share *= 0.5 * (1.0 - share));
+    let stage = best.effect.stage();
+    rows.retain(|r| r.stage != "unexplained");
+    let kept: f64 = rows.iter().map(|r| r.share).sum();
+    let row = |stage: &str, share: f64| Where {
+        stage: stage.into(),
+        joint: Some(d.problem.joint),
+        regime: regime.into(),
+        share,
+        ci95: [0.0, 1.0],
+    };
+    match rows.iter_mut().find(|r| r.stage == stage.name()) {
+        Some(r) => r.share += share,
+        None => rows.push(row(stage.name(), share)),
+    }
+    rows.push(row("unexplained", 1.0 - share - kept));
 }
 
 /// Largest change that a candidate of plausible size makes, in tolerances.
@@ -418,31 +425,6 @@ fn ambiguous(d: &Diagnosis) -> Vec<Ambiguous> {
         });
     }
     out
-}
-
-/// Probabilities of "none" and "unknown": logistic in how far the data is from each border.
-fn probabilities(d: &Diagnosis, word: Word) -> Probabilities {
-    let logistic = |x: f64| 1.0 / (1.0 + libm::exp(-x));
-    let r = remainder(d);
-    match word {
-        Word::None => {
-            let unknown = 0.5 * logistic(6.0 * (r / REMAINDER - 1.0));
-            Probabilities {
-                none: 1.0 - unknown,
-                unknown,
-            }
-        }
-        Word::Unknown => Probabilities {
-            none: 0.01,
-            unknown: logistic(3.0 * (r / REMAINDER - 0.7)).min(0.98),
-        },
-        _ => {
-            let gain = d.selection.found.first().map_or(0.0, |f| f.gain);
-            let none = 0.5 * libm::exp(-(gain - 0.1).max(0.0) / 0.1);
-            let unknown = (0.3 * logistic(3.0 * (r / REMAINDER - 1.5))).min(0.9 - none);
-            Probabilities { none, unknown }
-        }
-    }
 }
 
 fn sentence(word: Word, gap: &Gap, effects: &[EffectRow], place: &[Where]) -> String {
@@ -553,8 +535,8 @@ fn list(effects: &[Effect]) -> String {
 /// Puts a diagnosis into the public form.
 pub(super) fn verdict(d: &Diagnosis, library: &[Candidate], settings: &Settings) -> Verdict {
     let gap = gap(d, settings);
-    let word = word(d, &gap);
-    let probabilities = probabilities(d, word);
+    let word = word(d, &gap, settings);
+    let probabilities = probabilities(d, word, settings);
     let effects = effect_rows(d, probabilities.none + probabilities.unknown);
     let place = places(d, settings);
     let ambiguous = ambiguous(d);

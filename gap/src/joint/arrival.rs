@@ -171,9 +171,11 @@ pub struct Regularity {
     pub lost: f64,
     /// Shortest delay, s.
     pub least_s: f64,
+    /// Range of the delays but for the outer two percent, s.
+    pub range_s: f64,
     /// Root mean square of the delay beyond the shortest, s.
     pub spread_s: f64,
-    /// Largest spread that the resolution of the rows alone can make, s.
+    /// Time between the rows that show a set-point arrive, s.
     pub doubt_s: f64,
 }
 
@@ -196,7 +198,7 @@ pub fn regularity(runs: &[RunData]) -> Option<Regularity> {
         sent += end as f64;
         lost += (end + 1 - run.arrivals.len().min(end + 1)) as f64;
         for a in run.arrivals.iter().skip(1) {
-            delays.push(a.t_s - a.doubt_s - run.command_t_s[a.index]);
+            delays.push(a.t_s - run.command_t_s[a.index]);
             doubt = doubt.max(2.0 * a.doubt_s);
         }
     }
@@ -204,11 +206,12 @@ pub fn regularity(runs: &[RunData]) -> Option<Regularity> {
         return None;
     }
     // The shortest of many would be one odd row; the twentieth part is not.
-    let least = crate::math::quantile(&delays, 0.05);
+    let least = crate::math::quantile(&delays, 0.05) - 0.5 * doubt;
     let square = |d: &f64| (d - least).max(0.0) * (d - least).max(0.0);
     Some(Regularity {
         lost: lost / sent,
         least_s: least.max(0.0),
+        range_s: crate::math::quantile(&delays, 0.98) - crate::math::quantile(&delays, 0.02),
         spread_s: (delays.iter().map(square).sum::<f64>() / delays.len() as f64).sqrt(),
         doubt_s: doubt,
     })

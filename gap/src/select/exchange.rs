@@ -2,6 +2,7 @@
 
 use super::{Found, Node, Search, with};
 use crate::fit::Model;
+use crate::joint::P;
 use crate::vocabulary::Effect;
 
 /// A rival that was tried in an effect's place.
@@ -32,7 +33,7 @@ impl Search<'_> {
                 if let Some((found, model)) = better.filter(|_| round + 1 < ROUNDS) {
                     node.found[k] = found;
                     node.model = model;
-                    node.held = self.held_out(&self.tuned(&node.model), &node.model);
+                    self.settle(node);
                     changed = true;
                 }
             }
@@ -51,9 +52,10 @@ impl Search<'_> {
         let reference = self.score(o.polish(&mut present, 3), &mine.candidate);
         let mut others = node.found.clone();
         others.remove(k);
-        let mut bare = self.without(&present, &mine.candidate);
-        o.polish(&mut bare, 3);
-        let tries = self.expand(&o, &bare, &others);
+        // Not polished: an equivalent rival wants the other parameters as they are, the others are refitted anyway.
+        let bare = self.without(&present, &mine.candidate);
+        let mut tries = self.expand(&o, &bare, &others);
+        self.twin(&o, &bare, &present, mine, &mut tries);
         let mut out: Vec<Rival> = Vec::new();
         let mut better = None;
         for t in tries {
@@ -78,6 +80,39 @@ impl Search<'_> {
             }
         }
         (out, better)
+    }
+
+    /// A limit of current and one of torque are the same law: the other one starts from where this one is.
+    fn twin(
+        &self,
+        o: &crate::fit::Objective<'_>,
+        bare: &Model,
+        present: &Model,
+        mine: &Found,
+        tries: &mut Vec<super::Try>,
+    ) {
+        let kt = crate::candidates::effort_per_ampere(o.problem, &present.params);
+        let (effect, value) = match mine.candidate.effect {
+            Effect::CurrentLimit => (
+                Effect::TorqueLimit,
+                present.params.get(P::CurrentLimit) * kt,
+            ),
+            Effect::TorqueLimit => (
+                Effect::CurrentLimit,
+                present.params.get(P::TorqueLimit) / kt,
+            ),
+            _ => return,
+        };
+        let Some(candidate) = self.library.iter().position(|c| c.effect == effect) else {
+            return;
+        };
+        tries.retain(|t| self.library[t.candidate].effect != effect);
+        tries.push(super::Try {
+            score: f64::INFINITY,
+            model: with(bare, &self.library[candidate], &[value]),
+            candidate,
+        });
+        self.refit(o, tries, 3);
     }
 
     /// Model with only one of the found effects, and model with all but one.

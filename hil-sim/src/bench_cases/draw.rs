@@ -61,6 +61,7 @@ const LIBRARY: &[(&str, &[Range])] = &[
     ("motor_constant", &[r("ratio", 0.12, 0.5, 2)]),
     ("winding_resistance", &[r("ratio", 0.12, 0.7, 2)]),
     ("current_limit", &[r("limit_a", 0.15, 0.7, 0)]),
+    ("torque_limit", &[r("limit_nm", 0.6, 2.5, 0)]),
     (
         "thermal_derating",
         &[

@@ -32,6 +32,9 @@ pub(super) struct Args {
     /// Seed of global starts and bootstraps
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// Stop the search after this many seconds and write what is there, marked as partial
+    #[arg(long, value_name = "S")]
+    time_limit: Option<f64>,
     /// Leave an effect out of the library (to check that the diagnosis then says "unknown")
     #[arg(long, value_name = "EFFECT", value_parser = effect)]
     withhold: Vec<Effect>,
@@ -58,9 +61,19 @@ fn effect(name: &str) -> Result<Effect, String> {
         .ok_or_else(|| format!("`{name}` is not in the effect vocabulary; see docs/diagnosis.md"))
 }
 
-fn diagnose(input: &Input, settings: &Settings) -> Outcome<Diagnosis> {
+fn diagnose(
+    input: &Input,
+    settings: &Settings,
+    limit_s: Option<f64>,
+    context: &Context,
+) -> Outcome<Diagnosis> {
     let start = Instant::now();
-    let mut d = gap::diagnose(&input.manifest, &input.recordings, 0, settings)
+    let watch = |next: &str| {
+        context.out.detail(next);
+        let late = limit_s.is_some_and(|l| start.elapsed().as_secs_f64() > l);
+        !late && !crate::interrupt::pressed()
+    };
+    let mut d = gap::diagnose_watched(&input.manifest, &input.recordings, 0, settings, &watch)
         .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?;
     d.verdict.provenance.data_sha256.clone_from(&input.sha256);
     d.verdict.provenance.commit = option_env!("RB_COMMIT").map(str::to_string);
@@ -148,7 +161,7 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
         baseline: args.baseline.as_deref().map(patch).transpose()?,
         ..Settings::default()
     };
-    let d = diagnose(&input, &settings)?;
+    let d = diagnose(&input, &settings, args.time_limit, context)?;
     let json =
         serde_json::to_string_pretty(&d.verdict).map_err(|e| Failure::new(Exit::Other, e))?;
     let markdown = gap::report::markdown(&d.verdict);
@@ -206,7 +219,7 @@ pub(super) fn predict(args: &PredictArgs, context: &Context) -> Outcome {
             (problem, params)
         }
         None => {
-            let d = diagnose(&input, &Settings::default())?;
+            let d = diagnose(&input, &Settings::default(), None, context)?;
             let params = d.selection.model.params;
             (d.problem, params)
         }

@@ -171,6 +171,29 @@ impl<'a> Opened<'a> {
         out
     }
 
+    /// For every parameter of rightly named effects whether its 95 % interval holds the truth.
+    fn covered(&self) -> Vec<bool> {
+        let list = |v: &'a Value| v.as_array().map(Vec::as_slice).unwrap_or_default();
+        let mut out = Vec::new();
+        for p in list(&self.label["planted"]) {
+            let Some(e) = list(&self.verdict["effects"])
+                .iter()
+                .find(|e| e["effect"] == p["effect"])
+            else {
+                continue;
+            };
+            for (key, truth) in p["parameters"].as_object().into_iter().flatten() {
+                let ci = &e["parameters"][key.as_str()]["ci95"];
+                if let (Some(t), Some(a), Some(b)) =
+                    (truth.as_f64(), ci[0].as_f64(), ci[1].as_f64())
+                {
+                    out.push(a <= t && t <= b);
+                }
+            }
+        }
+        out
+    }
+
     fn told(&self) -> String {
         let planted: Vec<String> = self.label["planted"].as_array().map_or(vec![], |l| {
             l.iter()
@@ -266,6 +289,7 @@ pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
         .filter_map(|o| o.verdict["gap"]["shrink_of_achievable"].as_f64())
         .collect();
     let errors: Vec<f64> = singles.iter().flat_map(|o| o.parameter_errors()).collect();
+    let covered: Vec<bool> = singles.iter().flat_map(|o| o.covered()).collect();
     let row = |name, value, of, target| Row {
         name,
         value,
@@ -356,6 +380,12 @@ pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
             median(errors.clone()),
             errors.len(),
             "<= 0.02",
+        ),
+        row(
+            "truth inside the 95 % interval",
+            ratio(covered.iter().filter(|c| **c).count(), covered.len()),
+            covered.len(),
+            "0.93 to 0.97",
         ),
         row(
             "confidence calibration error",

@@ -1,0 +1,70 @@
+//! The one word of the verdict, and how probable it is.
+
+use crate::diagnose::{Diagnosis, Settings};
+use crate::verdict::{Gap, Probabilities, Word};
+
+/// A cost of this many floors is a significant remainder. Nulls reach 1.5, known effects once they are in the model 1.6.
+pub(super) const REMAINDER: f64 = 2.2;
+
+/// Cost of the final model over what a model without a gap may have: the floor, and a share of the first cost that two
+/// simulators of one law may differ by.
+pub(super) fn remainder(d: &Diagnosis, settings: &Settings) -> f64 {
+    let first = d.selection.steps.first().map_or(0.0, |s| s.held_out);
+    d.selection.held_out / (d.floor_cost + settings.options.model_error * first).max(1e-9)
+}
+
+/// Share of the first cost above the floor that the effects found take away.
+pub(super) fn explained(d: &Diagnosis) -> f64 {
+    let first = d.selection.steps.first().map_or(0.0, |s| s.held_out);
+    1.0 - (d.selection.held_out - d.floor_cost).max(0.0) / (first - d.floor_cost).max(1e-9)
+}
+
+pub(super) fn word(d: &Diagnosis, gap: &Gap, settings: &Settings) -> Word {
+    let found = &d.selection.found;
+    let left = remainder(d, settings);
+    let repeats = d.floor.repeat.is_some();
+    match (found.is_empty(), left > REMAINDER) {
+        (true, false) => Word::None,
+        (true, true) if repeats || gap.shrink < 0.25 => Word::Unknown,
+        (true, true) => Word::PartlyExplained,
+        (false, true) if repeats && (explained(d) < 0.9 || left > 2.0 * REMAINDER) => Word::Unknown,
+        (false, true) => Word::PartlyExplained,
+        (false, false) if found.iter().all(|f| f.candidate.effect.is_base()) => Word::Parametric,
+        (false, false) => Word::Explained,
+    }
+}
+
+/// Probabilities of "none" and "unknown": logistic in how far the data is from each border.
+pub(super) fn probabilities(d: &Diagnosis, word: Word, settings: &Settings) -> Probabilities {
+    let logistic = |x: f64| 1.0 / (1.0 + libm::exp(-x));
+    // Distances from the two borders, in e-foldings of the cost and of the gain.
+    let r = libm::log(remainder(d, settings).max(1e-9) / REMAINDER);
+    let least = settings.options.least_evidence;
+    let gain = |g: f64| libm::log((d.independent * libm::log1p(g.max(0.0))).max(1e-9) / least);
+    match word {
+        Word::None => {
+            let tried = d.selection.considered.iter().map(|c| c.gain);
+            let near = logistic(2.0 * gain(tried.fold(0.0, f64::max)) - 2.0);
+            let unknown = 0.3 * logistic(6.0 * r - 1.0);
+            Probabilities {
+                none: (1.0 - unknown) * (1.0 - 0.5 * near),
+                unknown: (1.0 - unknown) * 0.5 * near + unknown,
+            }
+        }
+        Word::Unknown => Probabilities {
+            none: 0.01,
+            unknown: (0.6 + 0.38 * logistic(4.0 * r - 1.0)).min(0.98),
+        },
+        _ => {
+            let least = d.selection.found.iter().map(|f| f.gain);
+            let weak = least.fold(f64::INFINITY, f64::min);
+            let none = if d.selection.found.is_empty() {
+                0.1
+            } else {
+                0.3 * logistic(-3.0 * gain(weak) - 0.5) + 0.005
+            };
+            let unknown = 0.02 + 0.4 * logistic(5.0 * r - 1.0);
+            Probabilities { none, unknown }
+        }
+    }
+}
