@@ -115,7 +115,7 @@ fn line(s: &mut String, row: usize, x: &Sample, noise: &mut Rng) {
         let _ = write!(s, ",{:.3}", v + n(ACCEL_M_S2));
     }
     // The tracker runs at half the rate of the rows.
-    if row % 2 == 0 {
+    if row.is_multiple_of(2) {
         for v in x.base.position_m {
             let _ = write!(s, ",{:.4}", f64::from(v) + n(BASE_M));
         }
