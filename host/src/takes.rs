@@ -239,7 +239,7 @@ pub fn line(take: &Take, taken: &Taken) -> String {
     match taken.laid.as_ref().map(|laid| (laid, laid.alignment)) {
         Some((laid, Some(alignment))) => words.push_str(&format!(
             "{} frames, clock shift {:.3} s by the first motion (likeness {:.2})",
-            laid.film.len(),
+            laid.film.frames.len(),
             alignment.offset_s,
             alignment.correlation
         )),

@@ -18,6 +18,7 @@ use crate::faults;
 use crate::interrupt;
 use crate::link::{EmulatedLab, sim};
 use crate::recording::beside;
+use crate::searching::frames::make_empty;
 
 /// Serve emulated hardware to other programs until Ctrl-C, or film a drawn robot
 ///
@@ -202,6 +203,10 @@ fn robot(
                 .hint("give a scenario with body = \"ground\" and a [camera] table"),
         );
     }
+    if let Some(folder) = &args.film {
+        // Before anyone works for an hour.
+        make_empty(folder)?;
+    }
     let mut robot = sim::robot_of(scenario)?;
     let mut last = None;
     serve(&mut robot, endpoint, &mut |event| {
@@ -213,9 +218,9 @@ fn robot(
     })
     .map_err(endpoint_failed)?;
     if let (Some(folder), Some(lab)) = (&args.film, EmulatedLab::beside(&robot)) {
-        beside::write_film(folder, &lab.seen.film)?;
+        lab.seen.film.write(folder)?;
         std::fs::write(folder.join("track.csv"), beside::track_csv(&lab.seen.base))?;
-        let (frames, folder) = (lab.seen.film.len(), folder.display());
+        let (frames, folder) = (lab.seen.film.frames.len(), folder.display());
         context.out.say(format_args!(
             "{frames} frames in {folder}, on the camera's clock"
         ));

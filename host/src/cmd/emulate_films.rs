@@ -153,7 +153,7 @@ fn row(take: &Take, taken: &takes::Taken) -> Value {
     let alignment = taken.laid.as_ref().and_then(|laid| laid.alignment);
     json!({
         "name": take.name, "gait": take.gait.name(), "kept": taken.is_kept(), "reason": taken.report.end.reason,
-        "holds": taken.report.end.holds, "frames": taken.laid.as_ref().map(|laid| laid.film.len()),
+        "holds": taken.report.end.holds, "frames": taken.laid.as_ref().map(|laid| laid.film.frames.len()),
         "tracking_rms_rad": taken.report.tracking_rms_rad,
         "clock_offset_s": alignment.map(|a| a.offset_s), "correlation": alignment.map(|a| a.correlation),
     })

@@ -11,6 +11,7 @@ use crate::recording::beside::{self, Seen};
 use crate::recording::check::{self, Severity};
 use crate::recording::set::SetFolder;
 use crate::recording::{Recording, csv, dataset, folder, read};
+use crate::searching::frames::Frames;
 
 /// Look into recordings, check them, convert them, draw them
 #[derive(Debug, clap::Args)]
@@ -140,7 +141,7 @@ fn add_film(
     }
     let set = SetFolder::open(dataset, "", "", "")?;
     let seen = Seen {
-        film: beside::read_frames(film)?,
+        film: Frames::read(film)?,
         base: track
             .map(beside::read_track)
             .transpose()?
@@ -149,13 +150,13 @@ fn add_film(
     };
     let laid = set.add_film(run, seen)?;
     let alignment = laid.alignment.as_ref().map(beside::alignment_json);
-    let value = json!({ "run": run, "frames": laid.film.len(), "poses": laid.base.len(), "sync": alignment });
+    let value = json!({ "run": run, "frames": laid.film.frames.len(), "poses": laid.base.len(), "sync": alignment });
     context.out.result("rb.rec_film/1", value, || {
         let shift = laid.alignment.map_or(0.0, |a| a.offset_s);
         let likeness = laid.alignment.map_or(0.0, |a| a.correlation);
         format!(
             "{run}: {} frames, {} poses; clock shift {shift:.3} s by the first motion (likeness {likeness:.2})",
-            laid.film.len(),
+            laid.film.frames.len(),
             laid.base.len()
         )
     });

@@ -14,6 +14,7 @@ use crate::link::PortUri;
 use crate::recording::beside::{self, Seen};
 use crate::recording::set::SetFolder;
 use crate::searching::folder::Folder;
+use crate::searching::frames::Frames;
 use crate::takes::{self, Take};
 
 /// Samples per second of the motors.
@@ -152,7 +153,7 @@ impl Hybrid<'_> {
             }
             let track = film.join("track.csv");
             let seen = Seen {
-                film: beside::read_frames(&film)?,
+                film: Frames::read(&film)?,
                 base: if track.exists() {
                     beside::read_track(&track)?
                 } else {

@@ -15,7 +15,8 @@ use hil_sim::world::World;
 
 use super::{Link, LinkError, PortUri};
 use crate::gait_file::read_text;
-use crate::recording::beside::{BaseRow, ImuRow, Seen, TimedFrame};
+use crate::recording::beside::{BaseRow, ImuRow, Seen};
+use crate::searching::frames::Frames;
 
 /// Largest scenario file.
 const MAX_BYTES: usize = 1 << 20;
@@ -55,7 +56,7 @@ impl EmulatedLab {
     }
 
     fn of(lab: &Lab) -> Self {
-        let film = lab.film(&RobotModel::default());
+        let (t_s, frames) = lab.film(&RobotModel::default()).unzip();
         let base = lab.poses().map(|pose| BaseRow {
             t_s: pose.t_s,
             position_m: pose.position_m,
@@ -69,9 +70,7 @@ impl EmulatedLab {
         Self {
             camera: lab.params().camera.map(|camera| *camera.setup()),
             seen: Seen {
-                film: film
-                    .map(|(t_s, silhouette)| TimedFrame { t_s, silhouette })
-                    .collect(),
+                film: Frames { t_s, frames },
                 base: base.collect(),
                 imu: imu.collect(),
             },

@@ -14,15 +14,6 @@ use super::timing::Timing;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::searching::frames::Frames;
 
-/// A frame and its instant.
-#[derive(Debug, Clone, PartialEq)]
-pub struct TimedFrame {
-    /// Instant, s.
-    pub t_s: f64,
-    /// Outline.
-    pub silhouette: Silhouette,
-}
-
 /// A pose of body 3.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BaseRow {
@@ -49,7 +40,7 @@ pub struct ImuRow {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Seen {
     /// Film, times on the camera's clock.
-    pub film: Vec<TimedFrame>,
+    pub film: Frames,
     /// Base poses on the camera's clock.
     pub base: Vec<BaseRow>,
     /// Inertial readings on the robot's clock.
@@ -60,7 +51,7 @@ pub struct Seen {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Laid {
     /// Film; one frame of lead is kept.
-    pub film: Vec<TimedFrame>,
+    pub film: Frames,
     /// Base poses.
     pub base: Vec<BaseRow>,
     /// Inertial readings.
@@ -91,7 +82,7 @@ pub fn lay(seen: Seen, run: &RunData) -> Result<Laid, LayError> {
     let timing = Timing::of(run).ok_or(LayError::NoGait)?;
     let start_s = timing.start_us as f64 * 1e-6;
     let length_s = (timing.end_us - timing.start_us) as f64 * 1e-6;
-    let alignment = if seen.film.is_empty() {
+    let alignment = if seen.film.frames.is_empty() {
         None
     } else {
         Some(align(&change(&seen.film), &way(run))?)
@@ -101,57 +92,48 @@ pub fn lay(seen: Seen, run: &RunData) -> Result<Laid, LayError> {
     }
     let camera_s = alignment.map_or(0.0, |a| a.offset_s) - start_s;
     let half_frame_s = 0.5 * frame_period_s(&seen.film);
-    let inside = |t_s: &f64, early_s: f64| *t_s >= -early_s && *t_s <= length_s;
-    let moved = |t_s: f64, by_s: f64| t_s + by_s;
+    let inside = |t_s: f64, early_s: f64| t_s >= -early_s && t_s <= length_s;
+    let (t_s, frames) = seen
+        .film
+        .t_s
+        .iter()
+        .map(|t_s| t_s + camera_s)
+        .zip(seen.film.frames)
+        .filter(|(t_s, _)| inside(*t_s, half_frame_s))
+        .unzip();
+    let base = seen.base.into_iter().map(|row| BaseRow {
+        t_s: row.t_s + camera_s,
+        ..row
+    });
+    let imu = seen.imu.into_iter().map(|row| ImuRow {
+        t_s: row.t_s - start_s,
+        ..row
+    });
     Ok(Laid {
-        film: seen
-            .film
-            .into_iter()
-            .map(|frame| TimedFrame {
-                t_s: moved(frame.t_s, camera_s),
-                ..frame
-            })
-            .filter(|frame| inside(&frame.t_s, half_frame_s))
-            .collect(),
-        base: seen
-            .base
-            .into_iter()
-            .map(|row| BaseRow {
-                t_s: moved(row.t_s, camera_s),
-                ..row
-            })
-            .filter(|row| inside(&row.t_s, 0.0))
-            .collect(),
-        imu: seen
-            .imu
-            .into_iter()
-            .map(|row| ImuRow {
-                t_s: moved(row.t_s, -start_s),
-                ..row
-            })
-            .filter(|row| inside(&row.t_s, 0.0))
-            .collect(),
+        film: Frames { t_s, frames },
+        base: base.filter(|row| inside(row.t_s, 0.0)).collect(),
+        imu: imu.filter(|row| inside(row.t_s, 0.0)).collect(),
         alignment,
     })
 }
 
 /// Mean time between frames, s.
-fn frame_period_s(film: &[TimedFrame]) -> f64 {
-    match film {
-        [first, .., last] => (last.t_s - first.t_s) / (film.len() - 1) as f64,
+fn frame_period_s(film: &Frames) -> f64 {
+    match film.t_s.as_slice() {
+        [first, .., last] => (last - first) / (film.t_s.len() - 1) as f64,
         _ => 0.0,
     }
 }
 
 /// How much the outline changes from frame to frame, px.
-fn change(film: &[TimedFrame]) -> Travel {
+fn change(film: &Frames) -> Travel {
     let mut travel = Travel::new();
     let mut before: Option<&Silhouette> = None;
-    for frame in film {
-        let parts = before.and_then(|b| b.overlap_and_union_px(&frame.silhouette));
+    for (t_s, frame) in film.t_s.iter().zip(&film.frames) {
+        let parts = before.and_then(|b| b.overlap_and_union_px(frame));
         let changed = parts.map_or(0, |(overlap, union)| union - overlap);
-        travel.push(frame.t_s, f64::from(changed));
-        before = Some(&frame.silhouette);
+        travel.push(*t_s, f64::from(changed));
+        before = Some(frame);
     }
     travel
 }
@@ -183,30 +165,6 @@ pub fn alignment_json(alignment: &Alignment) -> Value {
         "schema": "rb.sync/1", "mark": "first motion", "offset_s": alignment.offset_s,
         "edge_offset_s": alignment.edge_offset_s, "correlation": alignment.correlation, "rest_s": alignment.rest_s,
     })
-}
-
-/// Writes a film as a folder of 1-bit PNG with its `index.csv`.
-///
-/// # Errors
-/// Exit code 1 when the disk refuses.
-pub fn write_film(folder: &Path, film: &[TimedFrame]) -> Outcome {
-    let frames = Frames {
-        t_s: film.iter().map(|frame| frame.t_s).collect(),
-        frames: film.iter().map(|frame| frame.silhouette.clone()).collect(),
-    };
-    frames.write_into(folder)
-}
-
-/// Reads a folder of silhouettes, in the order of its `index.csv` (`t_s,file`).
-///
-/// # Errors
-/// Exit code 3 with file and line.
-pub fn read_frames(folder: &Path) -> Outcome<Vec<TimedFrame>> {
-    let Frames { t_s, frames } = Frames::read(folder)?;
-    let timed = t_s.into_iter().zip(frames);
-    Ok(timed
-        .map(|(t_s, silhouette)| TimedFrame { t_s, silhouette })
-        .collect())
 }
 
 /// Header of a track: times of the camera's clock and the base columns of the data set format.

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use control::gait::Gait;
 use files::dataset::{Manifest, Role};
 
-use super::beside::{Laid, LayError, Seen, alignment_json, lay, write_film};
+use super::beside::{Laid, LayError, Seen, alignment_json, lay};
 use super::{csv, reader};
 use crate::failure::{Exit, Failure, Outcome};
 
@@ -146,7 +146,10 @@ impl SetFolder {
             Some(Role::Check) => manifest.push_str("role = \"check\"\n"),
             None => {}
         }
-        if laid.as_ref().is_some_and(|laid| !laid.film.is_empty()) {
+        if laid
+            .as_ref()
+            .is_some_and(|laid| !laid.film.frames.is_empty())
+        {
             manifest.push_str(&format!("frames = \"{run}\"\n"));
         }
         self.write(MANIFEST, manifest.as_bytes())?;
@@ -223,12 +226,12 @@ impl SetFolder {
         let (base, imu) = laid
             .as_ref()
             .map_or((&[][..], &[][..]), |laid| (&laid.base, &laid.imu));
-        if let Some(laid) = laid.as_ref().filter(|laid| !laid.film.is_empty()) {
+        if let Some(laid) = laid.as_ref().filter(|laid| !laid.film.frames.is_empty()) {
             let folder = self.path.join(run);
             if folder.exists() {
                 std::fs::remove_dir_all(&folder)?;
             }
-            write_film(&folder, &laid.film)?;
+            laid.film.write(&folder)?;
             if let Some(alignment) = &laid.alignment {
                 let text = format!("{:#}\n", alignment_json(alignment));
                 std::fs::write(folder.join("sync.json"), text)?;

@@ -14,7 +14,7 @@ pub const INDEX: &str = "index.csv";
 pub const HEADER: &str = "t_s,file";
 
 /// Silhouettes with their times, in rising order.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Frames {
     /// Time of each frame, s from the start of the gait.
     pub t_s: Vec<f64>,
