@@ -6,7 +6,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use control::gait::Gait;
 use files::dataset::Role;
-use files::model::Model;
+use files::model::{Key, Model};
 use optimise::meta::FilmSettings;
 use physics::{Drive, Params, Start, Trial};
 use protocol::link::EndReason;
@@ -44,11 +44,12 @@ pub struct Take {
     pub start_m: [f64; 2],
 }
 
-/// Where to put a robot down so that what the model predicts of a gait stays in the middle of the picture, m.
+/// Where to put a robot down so that what the model predicts of a gait stays in the middle of the picture, m; always so that its
+/// start, by which films are laid in time, is in the picture.
 ///
 /// # Errors
 /// Exit code 3 for a model that cannot be simulated.
-pub fn centred_start_m(model: &Model, gait: &Gait) -> Outcome<[f64; 2]> {
+pub fn centred_start_m(model: &Model, gait: &Gait, camera: &FilmSettings) -> Outcome<[f64; 2]> {
     let bad = |e: anyhow::Error| Failure::new(Exit::BadFile, e);
     let trial = Trial {
         params: Arc::new(Params::try_from(model).map_err(|e| bad(e.into()))?),
@@ -62,10 +63,24 @@ pub fn centred_start_m(model: &Model, gait: &Gait) -> Outcome<[f64; 2]> {
     };
     let outcomes =
         physics::run(&[trial], &physics::Options::default()).map_err(|e| bad(e.into()))?;
-    let middle = outcomes.first().map(crate::cmd::sim::centring_start_m);
+    let middle_m = outcomes
+        .first()
+        .map_or([0.0; 2], crate::cmd::sim::centring_start_m);
+    // Half the picture on the ground under the lowest camera of Table II; its sides need not lie along x and y, so the short one counts.
+    let (lowest_m, _) = Key::CameraHeight.info().search;
+    let short_px = camera.width_px.min(camera.height_px) as f64;
+    let half_m = 0.5 * short_px * lowest_m / f64::from(camera.focal_px);
+    let reach_m = (half_m - ROBOT_M).max(0.0);
+    let under_m = [f64::from(camera.x_m), f64::from(camera.y_m)];
     // Millimetres are all that a hand can do.
-    Ok(middle.map_or([0.0; 2], |m| m.map(|m| (f64::from(m) * 1e3).round() * 1e-3)))
+    Ok(core::array::from_fn(|axis| {
+        let from_m = f64::from(middle_m[axis]).clamp(-reach_m, reach_m);
+        ((under_m[axis] + from_m) * 1e3).round() * 1e-3
+    }))
 }
+
+/// Half the length of the robot with room for its way to the start pose [m].
+const ROBOT_M: f64 = 0.35;
 
 /// What a take gave.
 #[derive(Debug, Clone)]
@@ -74,6 +89,8 @@ pub struct Taken {
     pub report: RunReport,
     /// What instruments saw, laid in time; `None` for a real robot, whose film comes later.
     pub laid: Option<Laid>,
+    /// Why what instruments saw could not be laid in time; such a run is not kept.
+    pub misfit: Option<String>,
     /// Robot time from power-up or connection to the end of the run.
     pub robot_time: Duration,
 }
@@ -82,6 +99,11 @@ impl Taken {
     /// Whether the run is in the data set.
     #[must_use]
     pub fn is_kept(&self) -> bool {
+        self.is_complete() && self.misfit.is_none()
+    }
+
+    /// Whether the robot played the gait to its end.
+    fn is_complete(&self) -> bool {
         !self.report.interrupted && self.report.reason == Some(EndReason::Completed)
     }
 }
@@ -148,11 +170,18 @@ pub fn take(context: &Context, uri: &PortUri, set: &SetFolder, take: &Take) -> O
     let mut taken = Taken {
         report,
         laid: None,
+        misfit: None,
         robot_time: robot.link().now(),
     };
-    if taken.is_kept() {
+    if taken.is_complete() {
         let seen = robot.link().seen().map(|lab| lab.seen);
-        taken.laid = set.add(&take.name, &take.gait, take.role, seen)?;
+        match set.add(&take.name, &take.gait, take.role, seen) {
+            Ok(laid) => taken.laid = laid,
+            Err(failure) if failure.exit() == Exit::BadFile => {
+                taken.misfit = Some(failure.to_string());
+            }
+            Err(failure) => return Err(failure),
+        }
     }
     Ok(taken)
 }
@@ -244,6 +273,10 @@ pub fn line(take: &Take, taken: &Taken) -> String {
             alignment.correlation
         )),
         _ if taken.is_kept() => words.push_str("motors recorded"),
+        _ if taken.misfit.is_some() => {
+            words.push_str("not kept: ");
+            words.push_str(taken.misfit.as_deref().unwrap_or_default());
+        }
         _ => words.push_str(&format!(
             "ended early ({}), not kept",
             taken.report.end.reason

@@ -80,10 +80,9 @@ pub(super) fn run(args: &FilmsArgs, context: &Context) -> Outcome {
     let mut rows = Vec::new();
     let (mut kept, mut robot_s) = (0, 0.0);
     for gait in &gaits {
-        let start_m = takes::centred_start_m(&model, gait)?;
         for number in 1..=args.repeat {
             bar.inc(1);
-            let take = plan(args, gait, number, start_m);
+            let take = plan(args, gait, number);
             if known.contains(&take.name) {
                 continue;
             }
@@ -130,7 +129,7 @@ pub(crate) fn draw(folder: &Path, seed: u64) -> Outcome<PathBuf> {
     Ok(path)
 }
 
-fn plan(args: &FilmsArgs, gait: &Gait, number: u32, start_m: [f64; 2]) -> Take {
+fn plan(args: &FilmsArgs, gait: &Gait, number: u32) -> Take {
     let role = match args.training.as_slice() {
         [] => None,
         names if names.iter().any(|name| name == gait.name()) => Some(Role::Fit),
@@ -145,7 +144,7 @@ fn plan(args: &FilmsArgs, gait: &Gait, number: u32, start_m: [f64; 2]) -> Take {
             .unwrap_or_else(|| Duration::from_secs_f32(gait.duration_s())),
         rate_hz: TELEMETRY_HZ,
         slot: None,
-        start_m,
+        start_m: [0.0; 2],
     }
 }
 

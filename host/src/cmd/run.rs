@@ -172,6 +172,11 @@ fn run_takes(
         }
         let taken = takes::take(context, &uri, &set, &take)?;
         context.out.say(takes::line(&take, &taken));
+        if let Some(misfit) = taken.misfit.clone() {
+            return Err(Failure::say(Exit::BadFile, misfit).hint(
+                "the recording is kept; is the robot in the picture when it begins to move?",
+            ));
+        }
         let kept = taken.is_kept();
         reports.push(taken.report);
         names.push(take.name);

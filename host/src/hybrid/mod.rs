@@ -41,6 +41,8 @@ pub enum Step {
     Search,
     /// Run them on the robot.
     Record,
+    /// Ask the diagnosis where the gap is and which effect causes it; only where the settings want it.
+    Diagnose,
     /// Fit the model to the films.
     Match,
     /// Simulate the recorded gaits with the model before and after.
@@ -54,6 +56,7 @@ impl Step {
         match self {
             Self::Search => "search",
             Self::Record => "record",
+            Self::Diagnose => "diagnose",
             Self::Match => "match",
             Self::Resimulate => "resimulate",
             Self::Done => "done",
@@ -247,6 +250,7 @@ impl<'a> Hybrid<'a> {
         match step {
             Step::Search => self.search(),
             Step::Record => self.record(),
+            Step::Diagnose => self.diagnose(),
             Step::Match => self.fit(),
             Step::Resimulate => self.resimulate(),
             Step::Done => Ok(()),
@@ -256,7 +260,8 @@ impl<'a> Hybrid<'a> {
     fn advance(&mut self, done: Step, cycles: u32) -> Outcome {
         self.state.step = match done {
             Step::Search => Step::Record,
-            Step::Record => Step::Match,
+            Step::Record if self.settings.diagnose => Step::Diagnose,
+            Step::Record | Step::Diagnose => Step::Match,
             Step::Match => Step::Resimulate,
             Step::Resimulate | Step::Done => Step::Done,
         };
@@ -306,6 +311,20 @@ impl<'a> Hybrid<'a> {
         if !path.join("search/checkpoint.json").exists() {
             words.extend(["-s".into(), path.join("search.toml").into()]);
             words.extend(["-m".into(), path.join(MODEL).into()]);
+        }
+        self.command(words)
+    }
+
+    fn diagnose(&self) -> Outcome {
+        let path = self.cycle_path();
+        let mut words: Vec<OsString> = ["rb-host", "gap", "report"].map(Into::into).into();
+        words.push(path.join("set").into());
+        for (flag, file) in [
+            ("-o", "diagnosis.html"),
+            ("--json-file", "diagnosis.json"),
+            ("--patch", "diagnosis.toml"),
+        ] {
+            words.extend([flag.into(), path.join(file).into()]);
         }
         self.command(words)
     }

@@ -39,12 +39,13 @@ impl Hybrid<'_> {
         let uri = self.port()?;
         let set = self.set()?;
         let gaits = self.selected()?;
+        let camera = set.camera()?;
         let folder = Folder::at(&self.cycle_path());
         let mut refused: BTreeMap<String, String> = BTreeMap::new();
         let takes = gaits.len() as u64 * u64::from(self.settings.repeats);
         let bar = self.context.out.progress(takes, "recording");
         for (gait, role) in &gaits {
-            let start_m = takes::centred_start_m(&self.model()?, gait)?;
+            let start_m = takes::centred_start_m(&self.model()?, gait, &camera)?;
             for number in 1..=self.settings.repeats {
                 bar.inc(1);
                 let take = Take {
@@ -134,7 +135,8 @@ impl Hybrid<'_> {
             ));
         }
         self.context.out.say(takes::line(take, &taken));
-        Ok((!taken.is_kept()).then(|| taken.report.end.reason.clone()))
+        let reason = taken.misfit.as_ref().unwrap_or(&taken.report.end.reason);
+        Ok((!taken.is_kept()).then(|| reason.clone()))
     }
 
     /// Films that came with the takes, or that a person has brought since; stops when some are missing.

@@ -16,6 +16,8 @@ pub struct HybridSettings {
     pub format: u32,
     /// Runs of each gait on the robot; the paper's 3. At least 2, or repeatability has no meaning.
     pub repeats: u32,
+    /// Whether the recorded data set is diagnosed too (`gap report`) before the match.
+    pub diagnose: bool,
     /// The search for gaits, as in `optimise.toml`.
     pub search: SearchSettings,
     /// The match of the model.
@@ -56,6 +58,7 @@ impl Default for HybridSettings {
         Self {
             format: 1,
             repeats: 3,
+            diagnose: false,
             search: SearchSettings::default(),
             matching: MatchSettings::default(),
         }

@@ -11,10 +11,12 @@ use std::path::{Path, PathBuf};
 
 use control::gait::Gait;
 use files::dataset::{Manifest, Role};
+use optimise::meta::FilmSettings;
 
 use super::beside::{Laid, LayError, Seen, alignment_json, lay};
 use super::{csv, reader};
 use crate::failure::{Exit, Failure, Outcome};
+use crate::searching::films;
 
 /// The folder.
 #[derive(Debug, Clone)]
@@ -111,6 +113,18 @@ impl SetFolder {
         let (manifest, _) = Manifest::parse(&shown, &self.manifest_text()?)
             .map_err(|e| Failure::new(Exit::BadFile, e))?;
         Ok(manifest)
+    }
+
+    /// The camera of the set as far as it is known, else a Kinect over the origin.
+    ///
+    /// # Errors
+    /// Exit code 3 for a damaged `dataset.toml`.
+    pub fn camera(&self) -> Outcome<FilmSettings> {
+        // Before its first run the manifest lacks one.
+        let text = self.manifest_text()? + "\n[[run]]\nfile = \"\"\n";
+        let (manifest, _) =
+            Manifest::parse(MANIFEST, &text).map_err(|e| Failure::new(Exit::BadFile, e))?;
+        Ok(films::settings_of(manifest.camera.as_ref(), 1))
     }
 
     /// Where the recording of a run stands.

@@ -8,7 +8,7 @@ use gap::whole::{Diagnosis, Film, Settings, diagnose};
 
 use super::input::Input;
 use crate::failure::{Exit, Failure, Outcome};
-use crate::recording::beside::read_frames;
+use crate::searching::frames::Frames;
 
 fn text(path: &Path) -> Outcome<String> {
     std::fs::read_to_string(path).map_err(|e| {
@@ -42,8 +42,8 @@ fn films(data: &Path, input: &Input) -> Outcome<Vec<Film>> {
     let mut out = Vec::new();
     for (run, r) in input.manifest.runs.iter().enumerate() {
         if let Some(folder) = &r.frames {
-            let frames = read_frames(&self::folder(data).join(folder))?;
-            let frames = frames.into_iter().map(|f| (f.t_s, f.silhouette)).collect();
+            let Frames { t_s, frames } = Frames::read(&self::folder(data).join(folder))?;
+            let frames = t_s.into_iter().zip(frames).collect();
             out.push(Film { run, frames });
         }
     }
