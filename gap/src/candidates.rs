@@ -530,7 +530,7 @@ fn mechanics(list: &mut List, problem: &Problem, s: &Scales, n: &crate::joint::N
         1.0
     };
     // Magnets, teeth and wobbling shafts: whole numbers of periods per turn.
-    let least = 1.5 * std::f64::consts::TAU;
+    let least = std::f64::consts::TAU;
     let mut starts = Vec::new();
     for periods in [
         1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 24.0,

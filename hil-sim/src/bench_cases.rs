@@ -87,11 +87,31 @@ pub fn case(seed: u64, index: usize) -> Case {
     let label = Label {
         name: plan.name.clone(),
         kind: plan.kind,
-        planted: plan.planted.clone(),
+        planted: plan
+            .planted
+            .iter()
+            .map(|p| against_stated(&plan, p))
+            .collect(),
         floors,
         floors_any,
     };
     Case { files, label }
+}
+
+/// A cause with its ratios against the stated values: what was planted times what the tolerances drew.
+fn against_stated(plan: &Plan, planted: &Planted) -> Planted {
+    let drawn = match planted.effect {
+        "inertia" => plan.ratios[0],
+        "gravity_load" => plan.ratios[1],
+        "motor_constant" => plan.ratios[3],
+        "winding_resistance" => plan.ratios[4],
+        _ => 1.0,
+    };
+    let parameters = planted.parameters.iter().map(|(k, v)| (*k, v * drawn));
+    Planted {
+        effect: planted.effect,
+        parameters: parameters.collect(),
+    }
 }
 
 /// Spread of each channel between the two recordings of every gait.
