@@ -234,7 +234,7 @@ pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
     let more = pick(&|o| matches!(o.kind(), "pair" | "triple") && any(o));
     let mut rows = singles(&one, &one_any, &one_all);
     rows.extend(several(&more));
-    rows.extend(words(&pick));
+    rows.extend(words(&all));
     let known = pick(&|o| !matches!(o.kind(), "null" | "outside"));
     let sizes: Vec<f64> = known
         .iter()
@@ -355,7 +355,9 @@ fn several(group: Group<'_>) -> Vec<Row> {
 }
 
 /// None and unknown.
-fn words<'a>(pick: &dyn Fn(&dyn Fn(&Opened) -> bool) -> Vec<&'a Opened>) -> Vec<Row> {
+fn words(all: &[Opened]) -> Vec<Row> {
+    let pick =
+        |f: &dyn Fn(&Opened) -> bool| -> Vec<&Opened> { all.iter().filter(|o| f(o)).collect() };
     let nulls = pick(&|o| o.kind() == "null");
     let outside = pick(&|o| o.kind() == "outside" && o.floors("floors_any"));
     let inside = pick(&|o| o.kind() != "outside");
