@@ -106,6 +106,8 @@ pub struct Diagnosis {
     model: Model,
     verdict: Verdict,
     joints: Vec<score::JointRow>,
+    /// Joints whose readings are in another convention.
+    readings: Vec<usize>,
 }
 
 /// Everything found, before it is put into words.
@@ -131,7 +133,7 @@ impl Diagnosis {
     /// The nominal model with the effects found switched on, those that the simulator has.
     #[must_use]
     pub fn patch(&self) -> Model {
-        patch::patched(&self.model, &self.verdict.effects)
+        patch::patched(&self.model, &self.verdict.effects, &self.readings)
     }
 
     /// The report as one page.
@@ -183,7 +185,7 @@ pub fn diagnose(
         return Err(WholeError::Nothing);
     }
     let mut conventions = conventions::find(&data);
-    let direct = direct::read(&data, &mut conventions, &settings.withhold);
+    let mut direct = direct::read(&data, &mut conventions, &settings.withhold);
     let params = Arc::new(Params::try_from(model)?);
     let body = body::Tier::new(&data, model, &params, &fit_runs)
         .map(|tier| body::diagnose(tier, &settings.withhold));
@@ -210,6 +212,16 @@ pub fn diagnose(
             ))
         })
         .collect();
+    let ratios: Vec<f64> = joints
+        .iter()
+        .filter_map(|f| f.tier.load_ratio(&f.answer.last().theta))
+        .collect();
+    let half = model.parameter(Key::Mass1);
+    // Eight half-spheres that vary alone.
+    let tolerance = half.tolerance / half.value / 8.0_f64.sqrt();
+    direct.extend(
+        direct::mass(&ratios, tolerance).filter(|r| !settings.withhold.contains(&r.effect)),
+    );
     if joints.is_empty() && body.is_none() {
         return Err(WholeError::Nothing);
     }
@@ -244,6 +256,10 @@ pub fn diagnose(
         model: model.clone(),
         verdict,
         joints,
+        readings: parts
+            .body
+            .as_ref()
+            .map_or_else(Vec::new, body::Found::readings),
     };
     out.add_rollouts(&parts.data, &score_runs, &params);
     Ok(out)

@@ -6,7 +6,7 @@ use files::model::{Effect as E, Model};
 use gap::verdict::{Verdict, Word};
 use gap::vocabulary::Effect;
 use gap::whole::{Settings, diagnose};
-use robot::{Plan, Reality, record};
+use robot::{Plan, Reality, films, record};
 
 fn verdict(plan: &Plan, reality: &Reality) -> Verdict {
     let (manifest, recordings) = record(plan, reality);
@@ -170,4 +170,34 @@ fn missing_signals_narrow_the_verdict_and_break_nothing() {
     assert_eq!(v.gap.metric, "position_rmse_rad");
     let unseen = |e: Effect| v.unseen.iter().any(|u| u.effect == e);
     assert!(unseen(Effect::CoulombFriction) && unseen(Effect::GroundFriction));
+}
+
+#[test]
+fn a_turned_camera_with_another_clock_is_named() {
+    let plan = Plan {
+        gaits: 4,
+        effort: false,
+        ..Plan::default()
+    };
+    let (manifest, recordings) = record(&plan, &Reality::default());
+    let view = camera::View::new(2.6, (0.0, 0.0), 0.15, (320, 240), 290.0).expect("a camera");
+    let films = films(&manifest, &recordings, &view, 0.4);
+    let d = diagnose(
+        &manifest,
+        &recordings,
+        &films,
+        &Model::hand_tuned(),
+        &Settings::default(),
+    )
+    .expect("diagnosable");
+    let value = |effect: Effect, key: &str| {
+        let row = d.verdict().effects.iter().find(|e| e.effect == effect);
+        row.unwrap_or_else(|| panic!("{}: {:?}", effect.name(), d.verdict().effects))
+            .parameters[key]
+            .value
+    };
+    assert!((value(Effect::CameraYaw, "angle_rad") - 0.15).abs() < 0.02);
+    assert!((value(Effect::CameraTimeShift, "shift_s") - 0.4).abs() < 0.03);
+    let [before, _, after] = d.verdict().metrics["similarity_r"];
+    assert!(after > before && after > 0.9, "{before} {after}");
 }

@@ -143,6 +143,12 @@ pub(super) fn candidates(link_measured: bool) -> Vec<Candidate> {
             &[&[0.01], &[0.04]],
         ),
     ];
+    joints(link_measured, &mut out);
+    out
+}
+
+/// Conventions and transmissions that only the body shows.
+fn joints(link_measured: bool, out: &mut Vec<Candidate>) {
     for k in 0..JOINTS {
         let j = |what: usize| [of_joint(k, what)];
         out.push(candidate(
@@ -172,5 +178,4 @@ pub(super) fn candidates(link_measured: bool) -> Vec<Candidate> {
             ));
         }
     }
-    out
 }

@@ -299,6 +299,13 @@ fn coordinates(manifest: &Manifest, model: &Model) -> Vec<Coordinate> {
         (value, sigma)
     };
     let height = model.parameter(Key::CameraHeight);
+    // Table II's shift is that of the paper's films; it means nothing for a data set that brings no model of its own.
+    let own = model.parameter(Key::CameraTimeShift);
+    let shift = if manifest.model.is_some() {
+        (own.value, own.tolerance)
+    } else {
+        (0.0, 0.02)
+    };
     let list = [
         (
             known("height_m", height.value, height.tolerance),
@@ -309,7 +316,11 @@ fn coordinates(manifest: &Manifest, model: &Model) -> Vec<Coordinate> {
         (known("x_m", 0.0, 0.005), 0.01, [-50.0, 50.0]),
         (known("y_m", 0.0, 0.005), 0.01, [-50.0, 50.0]),
         (known("yaw_rad", 0.0, 0.005), 0.01, [-7.0, 7.0]),
-        (known("clock_offset_s", 0.0, 0.02), 0.05, [-60.0, 60.0]),
+        (
+            known("clock_offset_s", shift.0, shift.1),
+            0.05,
+            [-60.0, 60.0],
+        ),
     ];
     list.into_iter()
         .map(|((neutral, sigma), step, range)| Coordinate {

@@ -296,6 +296,28 @@ fn supply(data: &Data, out: &mut Vec<Reading>) -> Option<f64> {
     Some(volt)
 }
 
+/// The mass of the whole robot, from how much larger all joints' loads are than those of the nominal body.
+pub(super) fn mass(ratios: &[f64], tolerance: f64) -> Option<Reading> {
+    // Replayed loads of a null robot are right to 5 % per joint.
+    const LOAD: f64 = 0.05;
+    if ratios.len() < 4 {
+        return None;
+    }
+    let ratio = math::median(ratios);
+    let off = |r: &&f64| (**r - 1.0) * (ratio - 1.0).signum() > LOAD;
+    let agree = ratios.iter().filter(off).count();
+    let spread = math::rms(&ratios.iter().map(|r| r - ratio).collect::<Vec<_>>());
+    let error = spread / (ratios.len() as f64).sqrt();
+    let least = 3.0 * tolerance.hypot(0.5 * LOAD).hypot(error);
+    ((ratio - 1.0).abs() > least && 3 * agree >= 2 * ratios.len()).then(|| Reading {
+        effect: Effect::Mass,
+        joint: None,
+        key: "ratio",
+        estimate: exact(ratio, 1.96 * error),
+        gain: ((ratio - 1.0) / LOAD).powi(2),
+    })
+}
+
 /// Reads everything off, and tells `conventions` what the joints need to know.
 pub(super) fn read(
     data: &Data,

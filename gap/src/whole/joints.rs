@@ -143,6 +143,40 @@ fn spread(v: &[f64]) -> f64 {
     math::rms(&v.iter().map(|x| x - m).collect::<Vec<_>>())
 }
 
+/// Runs that joint `k` is fitted on, the group of each, and the number of groups.
+fn chosen(
+    data: &Data,
+    k: usize,
+    fit: &[usize],
+    conventions: &Conventions,
+    nominal: &Nominal,
+    loads: &[[Vec<f64>; JOINTS]],
+) -> (Vec<JointRun>, Vec<usize>, usize) {
+    let total: f64 = fit.iter().map(|r| data.runs[*r].length_s).sum();
+    let thin = (total / FIT_S).ceil().max(1.0) as usize;
+    let mut seen = vec![0usize; data.gaits.len()];
+    let (mut runs, mut group) = (Vec::new(), Vec::new());
+    let mut names: Vec<usize> = Vec::new();
+    for r in fit {
+        let run = &data.runs[*r];
+        let first = seen[run.gait] == 0;
+        seen[run.gait] += 1;
+        // Every gait keeps its first run; of the repeats every `thin`-th.
+        if !first && !seen[run.gait].is_multiple_of(thin + 1) {
+            continue;
+        }
+        if let Some(j) = prepare(run, k, conventions, nominal, &loads[*r][k]) {
+            let known = names.iter().position(|n| *n == run.gait);
+            group.push(known.unwrap_or(names.len()));
+            if known.is_none() {
+                names.push(run.gait);
+            }
+            runs.push(j);
+        }
+    }
+    (runs, group, names.len())
+}
+
 impl Tier {
     /// Joint `k` on the runs `fit`; `None` when nothing can be compared.
     pub(super) fn new(
@@ -157,32 +191,7 @@ impl Tier {
             no_load_rad_s: conventions.no_load_rad_s[k],
             ..nominal(model, k)
         };
-        let total: f64 = fit.iter().map(|r| data.runs[*r].length_s).sum();
-        let thin = (total / FIT_S).ceil().max(1.0) as usize;
-        let mut seen = vec![0usize; data.gaits.len()];
-        let mut runs = Vec::new();
-        let mut group = Vec::new();
-        let mut names: Vec<usize> = Vec::new();
-        for r in fit {
-            let run = &data.runs[*r];
-            let first = seen[run.gait] == 0;
-            seen[run.gait] += 1;
-            // Every gait keeps its first run; of the repeats every `thin`-th.
-            if !first && !seen[run.gait].is_multiple_of(thin + 1) {
-                continue;
-            }
-            if let Some(j) = prepare(run, k, conventions, &nominal, &loads[*r][k]) {
-                let g = names
-                    .iter()
-                    .position(|n| *n == run.gait)
-                    .unwrap_or_else(|| {
-                        names.push(run.gait);
-                        names.len() - 1
-                    });
-                group.push(g);
-                runs.push(j);
-            }
-        }
+        let (runs, group, groups) = chosen(data, k, fit, conventions, &nominal, loads);
         if runs.is_empty() {
             return None;
         }
@@ -224,7 +233,7 @@ impl Tier {
         Some(Self {
             joint: k,
             nominal,
-            groups: names.len(),
+            groups,
             group,
             runs,
             weight,
@@ -248,6 +257,23 @@ impl Tier {
             // Four fifths of normal errors lie within 1.282 standard deviations.
             self.weight[1] = self.weight[1].min(1.282 / math::quantile(&left, 0.8).max(1e-3));
         }
+    }
+
+    /// Measured torque less the friction found, over the replayed load: ratio of their sizes; `None` without torque. Both hold errors of one
+    /// size, so that neither regression is right and their ratio is (on null robots 0.95 to 1.05).
+    pub(super) fn load_ratio(&self, theta: &[f64]) -> Option<f64> {
+        let (mut yy, mut xx) = (0.0, 0.0);
+        let mut trace = Trace::default();
+        for run in &self.runs {
+            servo::simulate(run, &self.nominal, theta, &mut trace);
+            for (measured, simulated, load) in run.loads(&trace) {
+                let friction = simulated - theta[J::Load as usize] * load;
+                let y = measured * theta[J::PerAmpere as usize] - friction;
+                yy += y * y;
+                xx += load * load;
+            }
+        }
+        (xx > 0.0).then(|| (yy / xx).sqrt())
     }
 
     /// Tolerance of torques, N m.

@@ -46,33 +46,7 @@ fn table(s: &mut String, title: &str, head: &[&str], rows: &[Vec<String>]) {
     s.push_str("</tbody></table></div>");
 }
 
-/// The page.
-pub(super) fn html(v: &Verdict, joints: &[JointRow]) -> String {
-    let g = &v.gap;
-    let mut s = String::from(HEAD);
-    let _ = write!(
-        s,
-        "<h1>Diagnosis of a robot</h1><p class=\"lead\">{}</p>",
-        escape(&v.sentence)
-    );
-    let stairs: Vec<Vec<String>> = v
-        .staircase
-        .iter()
-        .map(|x| vec![escape(&x.step), number(x.gap)])
-        .collect();
-    table(
-        &mut s,
-        "How far it shrinks",
-        &["step", &format!("{} [{}]", g.metric, g.unit)],
-        &stairs,
-    );
-    let _ = write!(
-        s,
-        "<p>Floor ({}): {}. Held out: {}.</p>",
-        g.floor_source,
-        number(g.floor),
-        escape(&v.provenance.split)
-    );
+fn places(s: &mut String, v: &Verdict) {
     let places: Vec<Vec<String>> = v
         .place
         .iter()
@@ -94,7 +68,10 @@ pub(super) fn html(v: &Verdict, joints: &[JointRow]) -> String {
             ]
         })
         .collect();
-    table(&mut s, "Where", &["stage", "of", "share", ""], &places);
+    table(s, "Where", &["stage", "of", "share", ""], &places);
+}
+
+fn effects(s: &mut String, v: &Verdict) {
     let effects: Vec<Vec<String>> = v
         .effects
         .iter()
@@ -123,7 +100,7 @@ pub(super) fn html(v: &Verdict, joints: &[JointRow]) -> String {
         })
         .collect();
     table(
-        &mut s,
+        s,
         "Which effect",
         &[
             "effect",
@@ -136,6 +113,9 @@ pub(super) fn html(v: &Verdict, joints: &[JointRow]) -> String {
         ],
         &effects,
     );
+}
+
+fn figures(s: &mut String, v: &Verdict, joints: &[JointRow]) {
     let rows: Vec<Vec<String>> = joints
         .iter()
         .map(|r| {
@@ -149,7 +129,7 @@ pub(super) fn html(v: &Verdict, joints: &[JointRow]) -> String {
         })
         .collect();
     table(
-        &mut s,
+        s,
         "Joint by joint, before to after",
         &["joint", "angle error [rad]", "torque error [N m]"],
         &rows,
@@ -160,11 +140,43 @@ pub(super) fn html(v: &Verdict, joints: &[JointRow]) -> String {
         .map(|(k, m)| vec![escape(k), number(m[0]), number(m[1]), number(m[2])])
         .collect();
     table(
-        &mut s,
+        s,
         "All metrics, held-out runs",
         &["metric", "before", "after calibration", "after"],
         &metrics,
     );
+}
+
+/// The page.
+pub(super) fn html(v: &Verdict, joints: &[JointRow]) -> String {
+    let g = &v.gap;
+    let mut s = String::from(HEAD);
+    let _ = write!(
+        s,
+        "<h1>Diagnosis of a robot</h1><p class=\"lead\">{}</p>",
+        escape(&v.sentence)
+    );
+    let stairs: Vec<Vec<String>> = v
+        .staircase
+        .iter()
+        .map(|x| vec![escape(&x.step), number(x.gap)])
+        .collect();
+    table(
+        &mut s,
+        "How far it shrinks",
+        &["step", &format!("{} [{}]", g.metric, g.unit)],
+        &stairs,
+    );
+    let _ = write!(
+        s,
+        "<p>Floor ({}): {}. Held out: {}.</p>",
+        g.floor_source,
+        number(g.floor),
+        escape(&v.provenance.split)
+    );
+    places(&mut s, v);
+    effects(&mut s, v);
+    figures(&mut s, v, joints);
     rest(&mut s, v);
     s.push_str("</main></body></html>\n");
     s

@@ -192,6 +192,16 @@ impl JointRun {
         crate::math::quantile(&v, 0.95)
     }
 
+    /// Measured torque, simulated torque and replayed load at every torque sample, N m.
+    pub(super) fn loads<'a>(
+        &'a self,
+        trace: &'a Trace,
+    ) -> impl Iterator<Item = (f64, f64, f64)> + 'a {
+        self.effort
+            .iter()
+            .map(|s| (s.value, at(&trace.effort, s), at(&self.load, s)))
+    }
+
     /// Simulated less measured link angle, where the link was measured.
     pub(super) fn link_errors(&self, trace: &Trace) -> Vec<f64> {
         let one =

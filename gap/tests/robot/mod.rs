@@ -228,3 +228,47 @@ pub(crate) fn record(plan: &Plan, reality: &Reality) -> (Manifest, Vec<Recording
         .collect();
     (manifest, recordings)
 }
+
+/// Films of recorded runs as a camera at `view` would take them, five frames a second, labelled `shift_s` early.
+pub(crate) fn films(
+    manifest: &Manifest,
+    recordings: &[Recording],
+    view: &camera::View,
+    shift_s: f64,
+) -> Vec<gap::whole::Film> {
+    use control::linalg::{Pose, Rot3, Vec3};
+    let robot = control::robot::RobotModel::default();
+    let solids = camera::Solid::meta_module(&robot);
+    let data = gap::whole::data::Data::new(manifest, recordings);
+    let film = |run: &gap::whole::data::Run| {
+        let base = run.base.as_ref().expect("tracked");
+        let frame = |i: usize| {
+            let label = i as f64 * 0.2;
+            let t = label + shift_s;
+            let [w, x, y, z] = [0, 1, 2, 3].map(|k: usize| base.quaternion[k].at(t) as f32);
+            let sine = (x * x + y * y + z * z).sqrt().max(1e-9);
+            let axis = Vec3::new(x / sine, y / sine, z / sine);
+            let pose = Pose {
+                position_m: Vec3::new(
+                    base.position_m[0].at(t) as f32,
+                    base.position_m[1].at(t) as f32,
+                    base.position_m[2].at(t) as f32,
+                ),
+                rotation: Rot3::about(axis, 2.0 * libm::atan2f(sine, w)),
+            };
+            let q = [0, 1, 2, 3, 4, 5]
+                .map(|k: usize| run.joints[k].position.as_ref().expect("measured").at(t) as f32);
+            let bodies = control::kinematics::forward(&robot, &q)
+                .rebased(3, &pose)
+                .bodies()
+                .to_vec();
+            (run.t0_s + label, view.render(&solids, &bodies))
+        };
+        let count = ((run.length_s - shift_s) / 0.2) as usize;
+        gap::whole::Film {
+            run: run.index,
+            frames: (0..count).map(frame).collect(),
+        }
+    };
+    data.runs.iter().map(film).collect()
+}
