@@ -60,9 +60,10 @@ impl Item {
     }
 }
 
-/// Takes signs found by the conventions out of the nominal coordinates.
+/// Takes what was found before the fits out of the nominal coordinates.
 pub(super) fn unsigned(theta: &mut [f64]) {
     theta[J::Scale as usize] = 1.0;
+    theta[J::PerAmpere as usize] = 1.0;
 }
 
 /// A number of an effect from coordinates.

@@ -57,6 +57,20 @@ pub(super) fn unit(metric: &str) -> &'static str {
     }
 }
 
+impl Scored {
+    /// The servo of a state: what was read off the motors and the supply is no part of the nominal one.
+    fn servo(&self, state: &State) -> Nominal {
+        Nominal {
+            no_load_rad_s: if state.conventions {
+                self.nominal.no_load_rad_s
+            } else {
+                f64::INFINITY
+            },
+            ..self.nominal
+        }
+    }
+}
+
 impl Score {
     /// Prepares the runs `runs`.
     pub(super) fn new(
@@ -100,7 +114,7 @@ impl Score {
             for (_, with, without) in &scored.runs {
                 for (s, state) in [before, after].into_iter().enumerate() {
                     let run = if state.conventions { with } else { without };
-                    servo::simulate(run, &scored.nominal, &state.joints[at], &mut trace);
+                    servo::simulate(run, &scored.servo(state), &state.joints[at], &mut trace);
                     let angle: Vec<f64> = servo::errors(&trace.position, &run.position).collect();
                     let torque: Vec<f64> = servo::errors(&trace.effort, &run.effort).collect();
                     sums[s].push(math::rms(&angle));
@@ -132,7 +146,7 @@ impl Score {
                     continue;
                 };
                 let run = if state.conventions { with } else { without };
-                servo::simulate(run, &scored.nominal, theta, &mut trace);
+                servo::simulate(run, &scored.servo(state), theta, &mut trace);
                 let per_ampere = theta[J::PerAmpere as usize];
                 for (name, v) in [
                     (
