@@ -38,6 +38,17 @@ fn a_robot_within_its_tolerances_has_no_gap() {
     assert!((sum - 1.0).abs() < 1e-9, "{sum}");
 }
 
+/// Data, reality, and what must be named: effect, joint, key, value, relative error.
+type Planted<'a> = (
+    &'a Plan,
+    Reality,
+    Effect,
+    Option<usize>,
+    &'static str,
+    f64,
+    f64,
+);
+
 #[test]
 fn one_effect_per_stage_is_named_with_joint_and_size() {
     let link = Plan {
@@ -45,7 +56,7 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
         ..Plan::default()
     };
     let plain = Plan::default();
-    let cases: [(&Plan, Reality, Effect, Option<usize>, &str, f64, f64); 7] = [
+    let cases: [Planted<'_>; 7] = [
         (
             &plain,
             planted(E::JointOffset, Some(3), &[0.05]),
@@ -141,13 +152,12 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
 
 #[test]
 fn a_permuted_joint_order_is_named_before_anything_else() {
-    let mut reality = Reality::default();
-    reality.path = Box::new(|s| {
-        // Joint 1 gets what was meant for joint 2, and the other way round.
-        s.iter()
-            .map(|p| [p[0], p[2], p[1], p[3], p[4], p[5]])
-            .collect()
-    });
+    // Joint 1 gets what was meant for joint 2, and the other way round.
+    let swap = |p: &[f64; 6]| [p[0], p[2], p[1], p[3], p[4], p[5]];
+    let reality = Reality {
+        path: Box::new(move |s| s.iter().map(swap).collect()),
+        ..Reality::default()
+    };
     let v = verdict(&Plan::default(), &reality);
     assert_eq!(v.effects[0].effect, Effect::JointOrder, "{:?}", v.effects);
     // 0 2 1 3 4 5 is number 24 in lexicographic order.

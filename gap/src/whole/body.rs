@@ -362,12 +362,9 @@ impl Evaluate for Tier {
                     continue;
                 };
                 let r = rotation(t.pose.1, q);
-                for k in 0..3 {
-                    out[*g].push((p[k] - t.pose.0[k]) / t.tolerance[k]);
-                }
-                for k in 0..3 {
-                    out[*g].push(r[k] / t.tolerance[3 + k]);
-                }
+                let off = [0, 1, 2].map(|k: usize| p[k] - t.pose.0[k]);
+                let errors = off.iter().chain(&r).zip(&t.tolerance);
+                out[*g].extend(errors.map(|(e, tolerance)| e / tolerance));
             }
         }
         out

@@ -220,7 +220,7 @@ pub(super) fn replay(
         let n = o.torques_nm.len() / JOINTS;
         // The first samples hold the blow of a state that fits the ground only to within the tracker's noise.
         let skip = if w.start.is_some() { 4 } else { 0 };
-        for k in 0..JOINTS {
+        for (k, sums) in sums[w.run].iter_mut().enumerate() {
             let torque: Vec<f64> = (0..n)
                 .map(|i| f64::from(o.torques_nm[i * JOINTS + k]))
                 .collect();
@@ -232,7 +232,7 @@ pub(super) fn replay(
                 let at = ((w.from_s / PERIOD_S).round() as usize) + i;
                 if i >= skip
                     && t.is_finite()
-                    && let Some(s) = sums[w.run][k].get_mut(at)
+                    && let Some(s) = sums.get_mut(at)
                 {
                     s.0 += t;
                     s.1 += 1.0;

@@ -67,10 +67,13 @@ fn set_points(plan: &Plan, gait: usize) -> Vec<[f64; 6]> {
         .collect()
 }
 
+/// From set-points sent to set-points that arrive.
+pub(crate) type Path = dyn Fn(&[[f64; 6]]) -> Vec<[f64; 6]>;
+
 /// How reality differs: the engine's model, and what happens to set-points on their way (joint, tick -> value).
 pub(crate) struct Reality {
     pub(crate) model: Model,
-    pub(crate) path: Box<dyn Fn(&[[f64; 6]]) -> Vec<[f64; 6]>>,
+    pub(crate) path: Box<Path>,
     /// Shifts the nominal parameters within their tolerances.
     pub(crate) jitter: bool,
 }
@@ -138,10 +141,10 @@ fn csv(plan: &Plan, sent: &[[f64; 6]], outcome: &physics::Outcome, rng: &mut Rng
         let t = i as f64 * ROW_S;
         let _ = write!(s, "{t:.3}");
         let tick = ((t + 1e-6) / TICK_S) as usize;
-        for k in 0..6 {
+        for (k, sent) in sent[tick].iter().enumerate() {
             let at = i * 6 + k;
             let q = f64::from(outcome.encoders_rad[at]) + 2e-4 * rng.normal();
-            let _ = write!(s, ",{:.6},{:.4}", sent[tick][k], q);
+            let _ = write!(s, ",{sent:.6},{q:.4}");
             if plan.effort {
                 let tau = f64::from(outcome.torques_nm[at]) + 0.03 * rng.normal();
                 let _ = write!(s, ",{tau:.3}");
