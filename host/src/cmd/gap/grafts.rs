@@ -124,10 +124,10 @@ pub(super) fn csv(
             break;
         }
         let t = t + late;
-        while let Some((at, value)) = sent.get(next).filter(|e| e.0 < t) {
+        while let Some((at, value)) = sent.get(next).filter(|e| e.0 <= t) {
             set_point = *value;
             next += 1;
-            if *at > begin + late {
+            if *at > begin + late && *at < t {
                 line(&mut out, *at, &columns, |name, column| match name {
                     Kind::SetPoint => set_point,
                     Kind::Enable => column[row.saturating_sub(1)],
