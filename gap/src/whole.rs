@@ -16,6 +16,7 @@ mod least;
 mod page;
 mod patch;
 mod predict;
+mod replay;
 mod score;
 mod search;
 mod servo;
@@ -108,6 +109,7 @@ pub struct Diagnosis {
     joints: Vec<score::JointRow>,
     /// Joints whose readings are in another convention.
     readings: Vec<usize>,
+    replay: Option<replay::Replay>,
 }
 
 /// Everything found, before it is put into words.
@@ -139,7 +141,7 @@ impl Diagnosis {
     /// The report as one page.
     #[must_use]
     pub fn html(&self) -> String {
-        page::html(&self.verdict, &self.joints)
+        page::html(&self.verdict, &self.joints, self.replay.as_ref())
     }
 
     /// Adds the error of whole runs, which no window restarts: nominal, and with the patch.
@@ -147,6 +149,7 @@ impl Diagnosis {
         let Ok(patched) = Params::try_from(&self.patch()).map(Arc::new) else {
             return;
         };
+        self.replay = replay::Replay::new(data, runs, &self.model, nominal, &patched);
         let mean = |params, which: usize| {
             let v: Vec<f64> = predict::errors(data, runs, params)
                 .iter()
@@ -260,6 +263,7 @@ pub fn diagnose(
             .body
             .as_ref()
             .map_or_else(Vec::new, body::Found::readings),
+        replay: None,
     };
     out.add_rollouts(&parts.data, &score_runs, &params);
     Ok(out)

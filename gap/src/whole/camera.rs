@@ -101,7 +101,7 @@ fn cut(frame: &Silhouette) -> bool {
         || (0..h).any(|y| frame.get(0, y) || frame.get(w - 1, y))
 }
 
-fn robot(model: &Model) -> Option<RobotModel> {
+pub(super) fn robot(model: &Model) -> Option<RobotModel> {
     RobotModel::new(RobotParams {
         twist_rad: model.value(Key::Twist) as f32,
         cube_m: model.value(Key::Cube) as f32,
@@ -250,7 +250,7 @@ impl Tier {
     }
 }
 
-fn rotation(q: [f32; 4]) -> Rot3 {
+pub(super) fn rotation(q: [f32; 4]) -> Rot3 {
     let [w, x, y, z] = q;
     let sine = (x * x + y * y + z * z).sqrt();
     if sine < 1e-9 {

@@ -2,17 +2,21 @@
 
 use std::fmt::Write as _;
 
+use super::replay::Replay;
 use super::score::JointRow;
 use crate::verdict::Verdict;
 
 const HEAD: &str = r#"<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width,initial-scale=1"><title>Diagnosis of a robot</title><link rel="icon" href="data:,"><style>
-body{font:16px/1.5 system-ui,sans-serif;margin:0;color:#1b1b1b;background:#fff}main{max-width:60rem;margin:auto;padding:1rem}
+body{font:16px/1.5 system-ui,sans-serif;margin:0;overflow-wrap:anywhere;color:#1b1b1b;background:#fff}main{max-width:60rem;margin:auto;padding:1rem}
 .lead{font-size:1.3rem;font-weight:600}.wide{overflow-x:auto}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid #ccc;vertical-align:top}
+svg{width:100%;height:auto;border:1px solid #ccc}circle{fill-opacity:.15}polyline{fill:none;stroke-width:3}polyline[id^=s]{stroke-width:1;stroke-opacity:.4}
+.k0{stroke:#1b1b1b;fill:#1b1b1b;color:#1b1b1b}.k1{stroke:#c2410c;fill:#c2410c;color:#c2410c}.k2{stroke:#1d70b8;fill:#1d70b8;color:#1d70b8}
+input[type=range]{width:100%}button{font:inherit}:focus-visible{outline:3px solid #1d70b8}
 .bar{height:.9rem;background:#2c6fbb;min-width:1px}.bar.rest{background:#999}
-@media(prefers-color-scheme:dark){body{background:#151515;color:#eee}}@media print{body{background:#fff;color:#000}}
+@media(prefers-color-scheme:dark){body{background:#151515;color:#eee}.k0{stroke:#eee;fill:#eee;color:#eee}.k1{stroke:#fb923c;fill:#fb923c;color:#fb923c}.k2{stroke:#60a5fa;fill:#60a5fa;color:#60a5fa}}@media print{input,button{display:none}body{background:#fff;color:#000}}
 </style></head><body><main>"#;
 
-fn escape(text: &str) -> String {
+pub(super) fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
         .replace('<', "&lt;")
         .replace('>', "&gt;")
@@ -148,7 +152,7 @@ fn figures(s: &mut String, v: &Verdict, joints: &[JointRow]) {
 }
 
 /// The page.
-pub(super) fn html(v: &Verdict, joints: &[JointRow]) -> String {
+pub(super) fn html(v: &Verdict, joints: &[JointRow], replay: Option<&Replay>) -> String {
     let g = &v.gap;
     let mut s = String::from(HEAD);
     let _ = write!(
@@ -177,6 +181,9 @@ pub(super) fn html(v: &Verdict, joints: &[JointRow]) -> String {
     places(&mut s, v);
     effects(&mut s, v);
     figures(&mut s, v, joints);
+    if let Some(replay) = replay {
+        replay.html(&mut s);
+    }
     rest(&mut s, v);
     s.push_str("</main></body></html>\n");
     s

@@ -12,7 +12,7 @@ use super::windows;
 use crate::math;
 
 /// Rows per second of a prediction.
-const RATE_HZ: f64 = 50.0;
+pub(super) const RATE_HZ: f64 = 50.0;
 
 /// The run as a trial: from the measured start, driven by the set-points that were sent; `None` without them.
 fn trial(run: &Run, params: &Arc<Params>) -> Option<Trial> {

@@ -13,5 +13,6 @@ mod matching;
 mod model;
 mod python;
 mod recordings;
+mod report_page;
 mod rig;
 mod search;

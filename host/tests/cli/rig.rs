@@ -87,6 +87,17 @@ pub(crate) fn finish(output: std::process::Output) -> Done {
     }
 }
 
+/// Says aloud that a test could not run; on a CI machine (`CI=true`) that is a failure.
+pub(crate) fn skip(test: &str, reason: &str) {
+    println!("SKIPPED {test}: {reason}");
+    eprintln!("SKIPPED {test}: {reason}");
+    assert_ne!(
+        std::env::var("CI").as_deref(),
+        Ok("true"),
+        "{test}: {reason}"
+    );
+}
+
 /// A shipped gait file.
 pub(crate) fn gait(name: &str) -> String {
     let path = Path::new(env!("CARGO_MANIFEST_DIR"))
