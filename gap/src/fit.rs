@@ -15,6 +15,9 @@ pub use self::shared::Linear;
 use crate::joint::data::CHANNELS;
 use crate::joint::{LANES, P, Params, Problem, simulate_lanes};
 
+/// Residuals of a run, and their slopes, a column per free parameter.
+type Columns = (Vec<f64>, Vec<Vec<f64>>);
+
 /// How a parameter is mapped to the fit's own variable.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Map {
@@ -279,7 +282,7 @@ impl Objective<'_> {
     }
 
     /// Residuals of one run at every model, and their slopes along its free parameters.
-    fn run_columns(&self, run: usize, models: &[Model]) -> Vec<(Vec<f64>, Vec<Vec<f64>>)> {
+    fn run_columns(&self, run: usize, models: &[Model]) -> Vec<Columns> {
         let mut sets = Vec::new();
         let mut steps = Vec::new();
         for m in models {
@@ -309,7 +312,7 @@ impl Objective<'_> {
     /// Normal equations of every model, run by run, without priors.
     fn run_normals(&self, models: &[Model]) -> Vec<Vec<Normal>> {
         let part = |run: &usize| -> Vec<Normal> {
-            let one = |(r, c): (Vec<f64>, Vec<Vec<f64>>)| {
+            let one = |(r, c): Columns| {
                 let n = c.len();
                 let mut out = Normal::zero(n);
                 out.cost = dot(&r, &r);

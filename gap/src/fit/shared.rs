@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::algebra::{cholesky, dot, solve};
-use super::{Free, Model, Normal, Objective, step};
+use super::{Columns, Free, Model, Normal, Objective, step};
 use crate::joint::{P, Params};
 
 /// Residuals and their slopes, for the screen.
@@ -80,7 +80,7 @@ impl Objective<'_> {
             .collect();
         let part = |(k, run): (usize, &usize)| -> Vec<Normal> {
             let shared = &linear.columns[k];
-            let one = |((r, c), (m, own)): ((Vec<f64>, Vec<Vec<f64>>), &(&Model, usize))| {
+            let one = |((r, c), (m, own)): (Columns, &(&Model, usize))| {
                 let n = m.free.len();
                 let at = |f: &Free| linear.free.iter().position(|p| *p == f.p);
                 let mut columns: Vec<&[f64]> = Vec::with_capacity(n);
@@ -121,14 +121,14 @@ impl Objective<'_> {
     #[must_use]
     pub fn linearise(&self, model: &Model) -> Linear {
         let models = std::slice::from_ref(model);
-        let parts: Vec<(Vec<f64>, Vec<Vec<f64>>)> = self
+        let parts: Vec<Columns> = self
             .runs
             .par_iter()
             .map(|r| self.run_columns(*r, models).remove(0))
             .collect();
         let cost = parts.iter().map(|(r, _)| dot(r, r)).sum();
         let n = model.free.len();
-        let product = |(_, c): &(Vec<f64>, Vec<Vec<f64>>)| {
+        let product = |(_, c): &Columns| {
             let mut out = vec![0.0; n * n];
             for i in 0..n {
                 for j in 0..=i {
