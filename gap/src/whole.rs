@@ -13,6 +13,7 @@ mod direct;
 mod found;
 mod joints;
 mod least;
+mod loads;
 mod page;
 mod patch;
 mod predict;
@@ -215,15 +216,25 @@ pub fn diagnose(
             ))
         })
         .collect();
-    let ratios: Vec<f64> = joints
-        .iter()
-        .filter_map(|f| f.tier.load_ratio(&f.answer.last().theta))
-        .collect();
-    let half = model.parameter(Key::Mass1);
-    // Eight half-spheres that vary alone.
-    let tolerance = half.tolerance / half.value / 8.0_f64.sqrt();
+    let loads_together = loads::Replay {
+        data: &data,
+        model,
+        fit_runs: &fit_runs,
+        conventions: &conventions,
+        joints: &joints,
+    };
+    let named = |effect| {
+        body.as_ref().is_some_and(|b| {
+            let members = &b.answer.last().members;
+            members
+                .iter()
+                .any(|c| b.answer.candidates[*c].effect == effect)
+        })
+    };
     direct.extend(
-        direct::mass(&ratios, tolerance).filter(|r| !settings.withhold.contains(&r.effect)),
+        loads_together
+            .cause(body.as_ref(), &mut replayed)
+            .filter(|r| !settings.withhold.contains(&r.effect) && !named(r.effect)),
     );
     if joints.is_empty() && body.is_none() {
         return Err(WholeError::Nothing);

@@ -95,7 +95,7 @@ fn follow(sent: &Track, applied: &Track, row_s: f64, out: &mut Way) {
     }
 }
 
-fn exact(value: f64, half: f64) -> Estimate {
+pub(super) fn exact(value: f64, half: f64) -> Estimate {
     Estimate {
         value,
         ci95: [value - half, value + half],

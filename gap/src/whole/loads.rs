@@ -1,0 +1,133 @@
+//! What all joints' loads say together: the robot's mass, and the ground's friction.
+//!
+//! On closed chains of contacts the torques grow with the friction of the ground as they grow with the weight, alike at all joints.
+//! The motion of the base tells the two apart: where the friction that explains the torques also suits the windows of the body
+//! better, it is the friction.
+
+use std::sync::Arc;
+
+use files::model::{Key, Model};
+
+use super::conventions::Conventions;
+use super::data::Data;
+use super::direct::{Reading, exact, mass};
+use super::joints::{Found, Tier};
+use super::search::Evaluate;
+use super::windows::Window;
+use super::{body, servo, windows};
+use crate::math;
+use crate::vocabulary::Effect;
+
+/// What the loads are replayed with.
+pub(super) struct Replay<'a> {
+    pub(super) data: &'a Data,
+    pub(super) model: &'a Model,
+    pub(super) fit_runs: &'a [usize],
+    pub(super) conventions: &'a Conventions,
+    pub(super) joints: &'a [Found],
+}
+
+/// Tolerances by which the friction must be off to be named.
+///
+/// Chosen: one null robot in a hundred draws its friction beyond 2.5; torques show it to 3 %.
+const FRICTION_TOLERANCES: f64 = 2.5;
+/// Relative error of a friction that is read off the torques (emulated robots with 0.4 and 0.8 of the nominal friction).
+const FRICTION_ERROR: f64 = 0.05;
+/// Growth of the windows' errors from which on the friction is not what the torques show; less is the roughness of contacts
+/// (emulated robots: 0.99 to 1.00 with another friction, from 1.02 on with another mass).
+const WORSE: f64 = 1.01;
+/// Frictions that are tried, as ratios to the one found so far.
+const FRICTIONS: [f64; 2] = [0.1, 4.0];
+const BISECTIONS: usize = 7;
+
+impl Replay<'_> {
+    /// Median over the joints of measured over replayed load, with the ground's friction times `scale`.
+    fn ratios(&self, found: &body::Found, windows: &mut [Window], scale: f64) -> Vec<f64> {
+        let params = Arc::new(found.tier.params(&scaled(found, scale)));
+        let loads = windows::replay(self.data, windows, &params, servo::STEP_S);
+        let one = |f: &Found| {
+            let k = f.tier.joint;
+            let tier = Tier::new(
+                self.data,
+                self.model,
+                k,
+                self.fit_runs,
+                self.conventions,
+                &loads,
+            )?;
+            tier.load_ratio(&f.answer.last().theta)
+        };
+        self.joints.iter().filter_map(one).collect()
+    }
+
+    /// Friction, as a ratio to the one found so far, at which the replayed loads are as large as the measured ones.
+    fn balance(&self, found: &body::Found, windows: &mut [Window]) -> f64 {
+        let [mut low, mut high] = FRICTIONS.map(libm::log);
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (low + high);
+            // Replayed loads grow with the friction, so the ratio falls.
+            if math::median(&self.ratios(found, windows, libm::exp(middle))) > 1.0 {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        libm::exp(0.5 * (low + high))
+    }
+
+    /// Mass or friction, whichever the loads of all joints and the motion of the base agree on.
+    pub(super) fn cause(
+        &self,
+        body: Option<&body::Found>,
+        windows: &mut [Window],
+    ) -> Option<Reading> {
+        let ratios: Vec<f64> = self
+            .joints
+            .iter()
+            .filter_map(|f| f.tier.load_ratio(&f.answer.last().theta))
+            .collect();
+        let half = self.model.parameter(Key::Mass1);
+        // Eight half-spheres that vary alone.
+        let tolerance = half.tolerance / half.value / 8.0_f64.sqrt();
+        let heavier = mass(&ratios, tolerance);
+        let Some(found) = body.filter(|_| ratios.len() >= 4) else {
+            return heavier;
+        };
+        if (math::median(&ratios) - 1.0).abs() < 2.0 * FRICTION_ERROR {
+            return heavier;
+        }
+        let scale = self.balance(found, windows);
+        let worse = misfit(found, scale) / misfit(found, 1.0).max(1e-9);
+        if worse > WORSE {
+            return heavier;
+        }
+        friction(self.model, found, scale)
+    }
+}
+
+/// Coordinates of the body with the friction times `scale`.
+fn scaled(found: &body::Found, scale: f64) -> Vec<f64> {
+    let mut theta = found.answer.last().theta.clone();
+    theta[body::B::Friction as usize] *= scale;
+    theta
+}
+
+/// Mean size of the windows' errors, in tolerances.
+fn misfit(found: &body::Found, scale: f64) -> f64 {
+    let left = found.tier.residuals(&scaled(found, scale));
+    let sizes: Vec<f64> = left.iter().flatten().map(|x| x.abs()).collect();
+    math::mean(&sizes)
+}
+
+fn friction(model: &Model, found: &body::Found, scale: f64) -> Option<Reading> {
+    let nominal = model.parameter(Key::Friction);
+    let value = nominal.value * scaled(found, scale)[body::B::Friction as usize];
+    let off = (value - nominal.value).abs() / nominal.tolerance.max(1e-9);
+    (off > FRICTION_TOLERANCES).then(|| Reading {
+        effect: Effect::GroundFriction,
+        joint: None,
+        key: "coefficient",
+        estimate: exact(value, 1.96 * FRICTION_ERROR * value),
+        gain: off * off,
+    })
+}
