@@ -31,6 +31,14 @@ pub enum LoadError {
         /// Why.
         source: io::Error,
     },
+    /// The file of a run cannot be read.
+    #[error("{file}: {source}; dataset.toml names it as the file of a run")]
+    Run {
+        /// Its name in the manifest.
+        file: String,
+        /// Why.
+        source: io::Error,
+    },
     /// Neither a manifest nor a recording.
     #[error("{path} holds neither dataset.toml nor an MCAP recording")]
     Nothing {
@@ -130,7 +138,10 @@ fn is_mcap(file: &str) -> bool {
 /// CSV of one run of the manifest.
 pub(super) fn run_text(folder: &Path, file: &str) -> Result<String, LoadError> {
     if !is_mcap(file) {
-        return read_text(&folder.join(file));
+        return fs::read_to_string(folder.join(file)).map_err(|source| LoadError::Run {
+            file: file.to_owned(),
+            source,
+        });
     }
     let (name, number) = split(file);
     let path = folder.join(name);

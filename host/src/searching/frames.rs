@@ -170,7 +170,7 @@ mod tests {
         assert_eq!(nearest(&even, 30.0), [0, 1, 2, 3, 4]);
         assert_eq!(nearest(&even, 15.0), [0, 2, 4]);
         // The third frame was lost, the last is a little late.
-        assert_eq!(nearest(&[0.0, 0.033, 0.1, 0.14], 30.0), [0, 1, 1, 2, 3]);
+        assert_eq!(nearest(&[0.0, 0.034, 0.1, 0.14], 30.0), [0, 1, 1, 2, 3]);
         // The film begins 70 ms after the gait.
         assert_eq!(nearest(&[0.07, 0.1], 30.0), [0, 0, 0, 1]);
         assert!(nearest(&[], 30.0).is_empty());

@@ -22,9 +22,9 @@ fn commands(page: &str) -> Vec<String> {
     found
 }
 
-/// Needs a device or another program.
+/// Needs a device, another program or a film of a robot.
 fn needs_more(command: &str) -> bool {
-    [" &", "tcp://", "./bus", "/dev/"]
+    [" &", "tcp://", "./bus", "/dev/", "my-film"]
         .iter()
         .any(|word| command.contains(word))
 }
@@ -43,6 +43,7 @@ fn shown_commands_run() {
             }
             std::fs::copy(&path, folder.path("gaits").join(path.file_name().unwrap())).unwrap();
         }
+        folder.write("ground.toml", "format = 1\nbody = \"ground\"\n");
         let commands = commands(page);
         assert!(!commands.is_empty(), "{page}");
         for command in commands.iter().filter(|c| !needs_more(c)) {
