@@ -8,6 +8,7 @@ use super::camera::C;
 use super::search::{Answer, Fit};
 use super::servo::{J, Nominal};
 use super::{Parts, Settings};
+use crate::math;
 use crate::verdict::{Ambiguous, Estimate, NextExperiment, Unseen, Word};
 use crate::vocabulary::Effect;
 
@@ -282,6 +283,37 @@ fn members(
     last.members.iter().enumerate().map(one).collect()
 }
 
+/// Joints that must agree on a clock for it to be the robot's.
+const ONE_CLOCK: usize = 3;
+
+/// One clock drives all joints: what several joints say of it is one finding, with the median of their values.
+fn one_clock(mut items: Vec<Item>) -> Vec<Item> {
+    let is_clock = |i: &&Item| i.effect == Effect::ClockSkew && i.joint.is_some();
+    let clocks: Vec<&Item> = items.iter().filter(is_clock).collect();
+    if clocks.len() < ONE_CLOCK {
+        return items;
+    }
+    let gain = clocks.iter().map(|i| i.gain).sum();
+    let values = clocks
+        .iter()
+        .filter_map(|i| i.parameters.get("ratio").map(|p| p.value));
+    let middle = math::median(&values.collect::<Vec<_>>());
+    let mut kept = false;
+    items.retain_mut(|i| {
+        if !is_clock(&&*i) {
+            return true;
+        }
+        if let Some(p) = i.parameters.get_mut("ratio") {
+            let shift = middle - p.value;
+            p.value = middle;
+            p.ci95.iter_mut().for_each(|x| *x += shift);
+        }
+        (i.joint, i.gain) = (None, gain);
+        !std::mem::replace(&mut kept, true)
+    });
+    items
+}
+
 /// Everything found.
 pub(super) fn items(d: &Parts) -> Vec<Item> {
     let mut out = conventions(d);
@@ -337,7 +369,7 @@ pub(super) fn items(d: &Parts) -> Vec<Item> {
             });
         }
     }
-    out
+    one_clock(out)
 }
 
 fn convention(effect: Effect, joint: Option<usize>, key: &str, value: f64) -> Item {

@@ -34,7 +34,7 @@ pub(super) fn group_costs(residuals: &[Vec<f64>]) -> Vec<f64> {
     residuals.iter().map(one).collect()
 }
 
-/// Solves `a x = b` for a symmetric positive matrix; zeros where it is singular.
+/// Solves `a x = b` for a symmetric positive matrix; zeros where it is singular or holds a value that is no number.
 pub(super) fn solve(a: &[f64], b: &[f64]) -> Vec<f64> {
     let n = b.len();
     let mut l = a.to_vec();
@@ -66,7 +66,11 @@ pub(super) fn solve(a: &[f64], b: &[f64]) -> Vec<f64> {
         }
         x[i] /= l[i * n + i];
     }
-    x
+    if x.iter().all(|v| v.is_finite()) {
+        x
+    } else {
+        vec![0.0; n]
+    }
 }
 
 /// Normal equations of every group; `columns` are residuals after a step of each coordinate.
