@@ -301,8 +301,8 @@ s.addEventListener('input',show);show();
 ";
 
 const HEAD: &str = r#"<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width,initial-scale=1"><title>Diagnosis</title><link rel="icon" href="data:,"><style>
-body{font:16px/1.5 system-ui,sans-serif;margin:0;overflow-wrap:anywhere;color:#1b1b1b;background:#fff}main{max-width:60rem;margin:auto;padding:1rem}
-.lead{font-size:1.3rem;font-weight:600}.wide{overflow-x:auto}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid #ccc;vertical-align:top}
+body{font:16px/1.5 system-ui,sans-serif;margin:0;color:#1b1b1b;background:#fff}main{max-width:60rem;margin:auto;padding:1rem}
+p,li{overflow-wrap:anywhere}.lead{font-size:1.3rem;font-weight:600}.wide{overflow-x:auto}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid #ccc;vertical-align:top}
 svg{width:100%;height:auto}svg text{font:12px system-ui,sans-serif;fill:#1b1b1b}.bar{fill:#2c6fbb}.axis{stroke:#888;fill:none}
 .c0{stroke:#1b1b1b}.c1{stroke:#c2410c}.c2{stroke:#1d70b8}.curve{fill:none;stroke-width:1.5}.replay{max-width:22rem;display:block}.replay line{stroke-width:4}
 input[type=range]{width:100%}:focus-visible{outline:3px solid #1d70b8}

@@ -7,8 +7,8 @@ use super::score::JointRow;
 use crate::verdict::Verdict;
 
 const HEAD: &str = r#"<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width,initial-scale=1"><title>Diagnosis of a robot</title><link rel="icon" href="data:,"><style>
-body{font:16px/1.5 system-ui,sans-serif;margin:0;overflow-wrap:anywhere;color:#1b1b1b;background:#fff}main{max-width:60rem;margin:auto;padding:1rem}
-.lead{font-size:1.3rem;font-weight:600}.wide{overflow-x:auto}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid #ccc;vertical-align:top}
+body{font:16px/1.5 system-ui,sans-serif;margin:0;color:#1b1b1b;background:#fff}main{max-width:60rem;margin:auto;padding:1rem}
+p,li{overflow-wrap:anywhere}.lead{font-size:1.3rem;font-weight:600}.wide{overflow-x:auto}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid #ccc;vertical-align:top}
 svg{width:100%;height:auto;border:1px solid #ccc}circle{fill-opacity:.15}polyline{fill:none;stroke-width:3}polyline[id^=s]{stroke-width:1;stroke-opacity:.4}
 .k0{stroke:#1b1b1b;fill:#1b1b1b;color:#1b1b1b}.k1{stroke:#c2410c;fill:#c2410c;color:#c2410c}.k2{stroke:#1d70b8;fill:#1d70b8;color:#1d70b8}
 input[type=range]{width:100%}button{font:inherit}:focus-visible{outline:3px solid #1d70b8}
