@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 use files::dataset::{Manifest, Recording, Role};
 
 use crate::candidates::{self, Scales};
+use crate::experiment::Experiment;
 use crate::fit::{Model, Objective};
 use crate::floor::{self, Floor};
 use crate::joint::{Params, Problem};
@@ -90,6 +91,8 @@ pub struct Diagnosis {
     pub scales: Scales,
     /// Independent samples.
     pub independent: f64,
+    /// What to record next.
+    pub experiment: Option<Experiment>,
     /// The verdict.
     pub verdict: Verdict,
 }
@@ -261,7 +264,6 @@ pub fn diagnose_watched(
     let selection = search.run(calibrated.clone(), watch);
     let alone_removed = search.alone_and_removed(&selection.found, &selection.model, &calibrated);
     let floor_cost = search.floor_cost;
-    let library = search.library;
     let mut out = Diagnosis {
         floor,
         fit_runs,
@@ -275,10 +277,14 @@ pub fn diagnose_watched(
         alone_removed,
         scales,
         independent,
+        experiment: None,
         verdict: answer::empty(),
         problem,
     };
-    out.verdict = answer::verdict(&out, &library, settings);
+    out.verdict = answer::verdict(&out, &search.library, settings);
+    if watch("choosing the next experiment") {
+        answer::propose(&mut out, &search);
+    }
     Ok(out)
 }
 

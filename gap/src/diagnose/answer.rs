@@ -7,11 +7,13 @@ use std::collections::BTreeMap;
 use self::word::{REMAINDER, probabilities, remainder, word};
 use super::{Diagnosis, Settings};
 use crate::candidates::{self, Candidate};
+use crate::experiment;
 use crate::fit;
 use crate::joint::{Channel, Params, Trace, simulate};
 use crate::locate;
 use crate::math;
 use crate::names;
+use crate::select::Search;
 use crate::verdict::*;
 use crate::vocabulary::{Effect, Stage};
 
@@ -506,22 +508,61 @@ fn staircase(d: &Diagnosis) -> Vec<Stair> {
     out
 }
 
-fn next_experiment(ambiguous: &[Ambiguous], word: Word) -> Option<NextExperiment> {
-    if let Some(a) = ambiguous.first() {
-        let text = format!("To tell {} apart: {}.", list(&a.effects), a.separate_by);
-        return Some(NextExperiment {
-            text,
-            separates: a.effects.clone(),
-            gait: None,
-        });
-    }
-    (word == Word::Unknown || word == Word::PartlyExplained).then(|| NextExperiment {
-        text: "Record signed current, duty and bus voltage at 100 Hz in three repeats of a slow triangle, a chirp and a step; \
-               they tell the driver, the electrical part and the gear apart."
-            .into(),
-        separates: Vec::new(),
+/// Models of the other members of the class of effect `k`: as the search fitted them, else fitted now.
+fn rivals(d: &Diagnosis, k: usize, search: &Search<'_>) -> Vec<fit::Model> {
+    let mine = &d.selection.found[k].candidate;
+    let others = class(d, k).into_iter().filter(|m| m.0 != mine.effect);
+    let one = |(effect, _): (Effect, f64)| {
+        let fitted = d.selection.rivals[k].iter().find(|r| r.effect == effect);
+        match fitted {
+            Some(r) => Some(r.model.clone()),
+            None => search.stand_in(&d.selection.model, mine, effect),
+        }
+    };
+    others.filter_map(one).collect()
+}
+
+/// The next experiment: what tells the first class apart, else what shows more of a gap that nothing explains.
+pub(super) fn propose(d: &mut Diagnosis, search: &Search<'_>) {
+    let first = (0..d.selection.found.len()).find(|k| class(d, *k).len() > 1);
+    let open = matches!(d.verdict.verdict, Word::Unknown | Word::PartlyExplained);
+    let (experiment, separates, advice) = match first {
+        Some(k) => {
+            let effects: Vec<Effect> = class(d, k).iter().map(|m| m.0).collect();
+            let others = rivals(d, k, search);
+            let truth = &d.selection.model.params;
+            let best = if others.is_empty() {
+                experiment::survey(&d.problem)
+            } else {
+                let weight = d.floor.weights();
+                experiment::separating(&d.problem, truth, &others, weight, d.independent)
+            };
+            let advice = format!(
+                "To tell {} apart: {}.",
+                list(&effects),
+                names::separate_by(&effects, &d.problem)
+            );
+            (best, effects, advice)
+        }
+        None if open => {
+            let advice = "Record signed current, duty and bus voltage at 100 Hz; they tell the driver, the electrical part and the gear apart.";
+            (experiment::survey(&d.problem), Vec::new(), advice.into())
+        }
+        None => return,
+    };
+    let text = match &experiment {
+        Some(e) => format!(
+            "{} {advice}",
+            experiment::words(e, &separates, d.problem.linear)
+        ),
+        None => advice,
+    };
+    d.experiment = experiment;
+    d.verdict.next_experiment = Some(NextExperiment {
+        text,
+        separates,
         gait: None,
-    })
+    });
 }
 
 fn list(effects: &[Effect]) -> String {
@@ -564,7 +605,6 @@ pub(super) fn verdict(d: &Diagnosis, library: &[Candidate], settings: &Settings)
         effects,
         probabilities,
         unseen: unseen(d, library, settings),
-        next_experiment: next_experiment(&ambiguous, word),
         ambiguous,
         pulled: pulled
             .map(|f| {

@@ -1,6 +1,7 @@
 //! Rivals: every found effect against the best others in its place.
 
 use super::{Found, Node, Search, with};
+use crate::candidates::Candidate;
 use crate::fit::Model;
 use crate::joint::P;
 use crate::vocabulary::Effect;
@@ -12,6 +13,8 @@ pub struct Rival {
     pub effect: Effect,
     /// Cost with the rival over cost with the effect, each with a price per parameter.
     pub cost_ratio: f64,
+    /// The model with the rival in the effect's place.
+    pub model: Model,
 }
 
 /// Rounds of exchange: a second one settles what the first one moved.
@@ -76,6 +79,7 @@ impl Search<'_> {
                 out.push(Rival {
                     effect: c.effect,
                     cost_ratio: ratio,
+                    model: t.model,
                 });
             }
         }
@@ -113,6 +117,20 @@ impl Search<'_> {
             candidate,
         });
         self.refit(o, tries, 3);
+    }
+
+    /// `model` with `effect` in the place of `mine`, fitted from all its starts; `None` if the library has no such effect.
+    #[must_use]
+    pub fn stand_in(&self, model: &Model, mine: &Candidate, effect: Effect) -> Option<Model> {
+        let o = self.tuned(model);
+        let bare = self.without(model, mine);
+        let candidates = self.library.iter().filter(|c| c.effect == effect);
+        let mut tries: Vec<Model> = candidates
+            .flat_map(|c| c.starts.iter().map(|s| with(&bare, c, s)))
+            .collect();
+        let costs = o.polish_all(&mut tries, 4);
+        let best = costs.into_iter().zip(tries);
+        best.min_by(|a, b| a.0.total_cmp(&b.0)).map(|t| t.1)
     }
 
     /// Model with only one of the found effects, and model with all but one.

@@ -7,6 +7,7 @@ mod collect;
 mod graft;
 mod grafts;
 mod input;
+mod next;
 mod programme;
 mod report;
 mod score;

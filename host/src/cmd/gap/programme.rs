@@ -74,31 +74,33 @@ fn single(joint: usize, motion: &Motion, amplitude_rad: f64) -> Outcome<Gait> {
     Ok(files::gait::parse("programme", &text)?)
 }
 
-/// The motions of one joint, as large as the robot's check lets them be.
-fn of_joint(joint: usize, robot: &RobotModel) -> Outcome<Vec<Item>> {
-    let mut items = Vec::new();
-    for motion in &MOTIONS {
-        let mut amplitude_rad = motion.2;
-        let gait = loop {
-            let gait = single(joint, motion, amplitude_rad)?;
-            if gait_file::check(&gait, robot).is_ok() {
-                break gait;
-            }
-            amplitude_rad *= 0.7;
-            if amplitude_rad < 0.05 {
-                let text =
-                    format!("joint {joint} cannot move by itself at home; check the robot model");
-                return Err(Failure::say(Exit::Refused, text));
-            }
-        };
-        items.push(Item {
-            name: gait.name().to_owned(),
-            gait,
-            duration_s: motion.5,
-            place: Place::Air,
-        });
-    }
-    Ok(items)
+/// A motion of one joint, as large as the robot's check lets it be.
+fn alone(joint: usize, motion: &Motion, robot: &RobotModel) -> Outcome<Item> {
+    let mut amplitude_rad = motion.2;
+    let gait = loop {
+        let gait = single(joint, motion, amplitude_rad)?;
+        if gait_file::check(&gait, robot).is_ok() {
+            break gait;
+        }
+        amplitude_rad *= 0.7;
+        if amplitude_rad < 0.05 {
+            let text =
+                format!("joint {joint} cannot move by itself at home; check the robot model");
+            return Err(Failure::say(Exit::Refused, text));
+        }
+    };
+    Ok(Item {
+        name: gait.name().to_owned(),
+        gait,
+        duration_s: motion.5,
+        place: Place::Air,
+    })
+}
+
+/// The motion of one joint by name, as `collect` would record it; `None` for a name that is none.
+pub(super) fn motion(joint: usize, name: &str, robot: &RobotModel) -> Option<Outcome<Item>> {
+    let motion = MOTIONS.iter().find(|m| m.0 == name)?;
+    Some(alone(joint, motion, robot))
 }
 
 /// A hold of the pose that the first gait swings about: what a motor does when it gets warm.
@@ -155,7 +157,9 @@ pub(super) fn items(wanted: &Wanted<'_>, robot: &RobotModel) -> Outcome<Vec<Item
     }
     if wanted.joints {
         for joint in 0..JOINTS {
-            items.extend(of_joint(joint, robot)?);
+            for motion in &MOTIONS {
+                items.push(alone(joint, motion, robot)?);
+            }
         }
     }
     Ok(items)

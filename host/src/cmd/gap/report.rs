@@ -8,6 +8,7 @@ use gap::vocabulary::Effect;
 use gap::{Diagnosis, Settings};
 
 use super::input::{self, Input};
+use super::next;
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 
@@ -81,7 +82,7 @@ fn diagnose(
     Ok(d)
 }
 
-fn write(path: &Path, text: &str) -> Outcome {
+pub(super) fn write(path: &Path, text: &str) -> Outcome {
     fs::write(path, text)
         .map_err(|e| Failure::say(Exit::Other, format!("cannot write {}: {e}", path.display())))
 }
@@ -128,7 +129,11 @@ fn run_whole(
         seed: args.seed,
         withhold: args.withhold.clone(),
     };
-    let d = super::whole::run(data, input, &settings)?;
+    let mut d = super::whole::run(data, input, &settings)?;
+    next::robot(
+        d.verdict_mut(),
+        next::beside(&[&args.output, &json_file.map(Path::to_owned), &args.markdown]),
+    )?;
     let v = d.verdict();
     let json = serde_json::to_string_pretty(v).map_err(|e| Failure::new(Exit::Other, e))?;
     let markdown = gap::report::markdown(v);
@@ -161,7 +166,11 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
         baseline: args.baseline.as_deref().map(patch).transpose()?,
         ..Settings::default()
     };
-    let d = diagnose(&input, &settings, args.time_limit, context)?;
+    let mut d = diagnose(&input, &settings, args.time_limit, context)?;
+    next::bench(
+        &mut d,
+        next::beside(&[&args.output, &json_file, &args.markdown]),
+    )?;
     let json =
         serde_json::to_string_pretty(&d.verdict).map_err(|e| Failure::new(Exit::Other, e))?;
     let markdown = gap::report::markdown(&d.verdict);

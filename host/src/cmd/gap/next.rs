@@ -1,0 +1,85 @@
+//! The motion to record next, as a file beside the report.
+
+use std::path::{Path, PathBuf};
+
+use control::robot::RobotModel;
+use gap::Diagnosis;
+use gap::verdict::{Verdict, Word};
+use gap::vocabulary::{Effect, Stage};
+
+use super::{programme, report};
+use crate::failure::Outcome;
+
+/// The first of the files that the user asked for: the motion gets its name and stands beside it.
+pub(super) fn beside(files: &[&Option<PathBuf>]) -> Option<PathBuf> {
+    files.iter().find_map(|f| (*f).clone())
+}
+
+/// Writes `text` beside `report` and returns the name of the file, without its folder: both move together.
+fn write(report: &Path, end: &str, text: &str) -> Outcome<Option<String>> {
+    let path = report.with_extension(end);
+    report::write(&path, text)?;
+    let name = path.file_name().map(|n| n.to_string_lossy().into_owned());
+    Ok(name)
+}
+
+/// Motion of a joint on a bench: set-points as CSV. `report` is `None` when no file was asked for.
+pub(super) fn bench(d: &mut Diagnosis, report: Option<PathBuf>) -> Outcome {
+    let (Some(report), Some(experiment)) = (report, &d.experiment) else {
+        return Ok(());
+    };
+    let text = experiment.motion.to_csv(d.problem.linear);
+    let name = write(&report, "next.csv", &text)?;
+    if let Some(next) = &mut d.verdict.next_experiment {
+        next.gait = name;
+    }
+    Ok(())
+}
+
+/// Which motion of the programme shows what the members of a class differ by; `None` where a joint alone shows nothing.
+fn motion(effects: &[Effect]) -> Option<&'static str> {
+    let stage = |s: Stage| effects.iter().any(|e| e.stage() == s);
+    let has = |list: &[Effect]| effects.iter().any(|e| list.contains(e));
+    if stage(Stage::Body) || stage(Stage::Camera) {
+        return None;
+    }
+    // Delays and lags show in fast sines, limits in steps, all that sticks or has play in slow reversals.
+    if stage(Stage::Transport) || has(&[Effect::FeedbackDelay, Effect::MotorLag, Effect::LoopGain])
+    {
+        return Some("sweep3");
+    }
+    if has(&[
+        Effect::VelocityLimit,
+        Effect::TorqueLimit,
+        Effect::CurrentLimit,
+    ]) {
+        return Some("step");
+    }
+    Some("slow")
+}
+
+/// Motion of one joint of the robot in the air: a gait that the robot's own check lets pass.
+pub(super) fn robot(v: &mut Verdict, report: Option<PathBuf>) -> Outcome {
+    let (Some(report), Some(next)) = (report, &mut v.next_experiment) else {
+        return Ok(());
+    };
+    let class = v.ambiguous.first();
+    let (joint, name) = match class {
+        Some(c) => (c.members.first().and_then(|m| m.joint), motion(&c.effects)),
+        None if v.verdict == Word::Unknown => (v.place.first().and_then(|p| p.joint), Some("slow")),
+        None => (None, None),
+    };
+    let (Some(joint), Some(name)) = (joint, name) else {
+        return Ok(());
+    };
+    let Some(item) = programme::motion(joint, name, &RobotModel::default()) else {
+        return Ok(());
+    };
+    let item = item?;
+    next.gait = write(&report, "next.toml", &files::gait::to_toml(&item.gait))?;
+    next.text.push_str(&format!(
+        " Hold the robot off the ground and play the gait file ({}, {:.0} s) three times.",
+        item.name, item.duration_s
+    ));
+    Ok(())
+}
