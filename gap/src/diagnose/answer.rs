@@ -230,7 +230,11 @@ fn effect_rows(d: &Diagnosis, left: f64) -> Vec<EffectRow> {
             effect: c.effect,
             stage: c.effect.stage().name().into(),
             joint: Some(d.problem.joint),
-            parameters: values.into_iter().enumerate().map(estimate).collect(),
+            // Without a unit of effort, a torque is a number without meaning.
+            parameters: (values.into_iter().enumerate())
+                .filter(|(_, (key, _))| d.problem.known.effort_unit || !key.contains("nm"))
+                .map(estimate)
+                .collect(),
             confidence: (1.0 - left) / n,
             alternatives: d.selection.rivals[k].iter().map(alternative).collect(),
             gap_added_alone: score(d, &alone.params, false),
@@ -551,10 +555,11 @@ pub(super) fn propose(d: &mut Diagnosis, search: &Search<'_>) {
         None => return,
     };
     let text = match &experiment {
-        Some(e) => format!(
-            "{} {advice}",
-            experiment::words(e, &separates, d.problem.linear)
-        ),
+        Some(e) if e.separation.is_some() => experiment::words(e, &separates, d.problem.linear),
+        Some(e) => {
+            let motion = experiment::words(e, &separates, d.problem.linear);
+            format!("{motion} {advice}")
+        }
         None => advice,
     };
     d.experiment = experiment;

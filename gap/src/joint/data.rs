@@ -176,7 +176,14 @@ pub fn nominal(b: &Bench) -> Nominal {
     const BANDWIDTH_RAD_S: f64 = 20.0;
     const TOP_SPEED_RAD_S: f64 = 10.0;
     let c = &b.controller;
-    let output = c.output.unwrap_or(Output::Effort);
+    // Of a servo that nothing is known of, a motor on a voltage is the best guess: its speed is damped.
+    let unknown = c.kp.is_none() && b.command == Command::Position;
+    let guess = if unknown {
+        Output::Duty
+    } else {
+        Output::Effort
+    };
+    let output = c.output.unwrap_or(guess);
     let supply_v = value(b.supply_v, 1.0);
     let full_volts = if output == Output::Duty || b.supply_v.is_some() {
         supply_v

@@ -8,6 +8,7 @@ mod docs;
 mod dropout;
 mod filmed;
 mod gap_data;
+mod gap_next;
 mod hybrid;
 mod matching;
 mod model;

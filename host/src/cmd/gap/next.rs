@@ -48,11 +48,7 @@ fn motion(effects: &[Effect]) -> Option<&'static str> {
     {
         return Some("sweep3");
     }
-    if has(&[
-        Effect::VelocityLimit,
-        Effect::TorqueLimit,
-        Effect::CurrentLimit,
-    ]) {
+    if has(&[Effect::VelocityLimit]) {
         return Some("step");
     }
     Some("slow")
