@@ -32,6 +32,9 @@ pub struct FrictionParams {
 /// pre-sliding seen in small planetary gears; small against every set-point step, large against the encoder's edge.
 const PRESLIDING_RAD: f64 = 1.0e-3;
 
+/// Time over which the load on the teeth builds up [s]. Chosen: the rotor on the stops' stiffness, sqrt(0.05 / 5e3).
+const MESH_S: f64 = 3.0e-3;
+
 /// Damping ratio of a bristle with the rotor inertia. Chosen: below critical, so that a stuck joint rings a little.
 const BRISTLE_DAMPING: f64 = 0.5;
 
@@ -43,7 +46,10 @@ pub(super) fn step(params: &JointParams, state: &mut JointState, dt_s: f64) -> f
     let viscous = friction.viscous_nm_s_rad + towards * friction.asymmetry_nm_s_rad;
     let smooth_nm = viscous * speed + friction.quadratic_nm_s2_rad2 * speed * speed.abs();
 
-    let load_nm = friction.load_fraction * state.transmitted_nm.abs();
+    // Teeth take up their load over the mesh's elasticity. Without that the friction of one step, its bristle's damping
+    // included, made the load of the next: the torque chattered at the step, and rubbed by a newton metre without a load.
+    state.pressed_nm += (state.transmitted_nm - state.pressed_nm) * (dt_s / (dt_s + MESH_S));
+    let load_nm = friction.load_fraction * state.pressed_nm.abs();
     let position_nm = if friction.position_nm > 0.0 {
         0.5 * friction.position_nm * (1.0 + libm::sin(friction.position_periods * state.gear_rad))
     } else {

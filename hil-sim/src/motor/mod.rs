@@ -94,6 +94,8 @@ pub struct JointState {
     pub heat: f64,
     /// Torque through the transmission in the last step, positive pushes the link towards + [N m].
     pub transmitted_nm: f64,
+    /// Torque that presses the teeth together: what is transmitted, smoothed by their elasticity [N m].
+    pub pressed_nm: f64,
     /// Duty that the bridge applied after the current limit, -1..=1.
     pub applied_duty: f64,
     /// Joint time since power-up [s] (slow drifts).
@@ -116,6 +118,7 @@ impl JointState {
             hysteresis_rad: 0.0,
             heat: 0.0,
             transmitted_nm: 0.0,
+            pressed_nm: 0.0,
             applied_duty: 0.0,
             age_s: 0.0,
         }
