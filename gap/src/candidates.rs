@@ -166,7 +166,7 @@ fn speed_delay() -> Free {
     Free {
         p: P::SpeedDelay,
         map: Map::Linear { scale: 1.0 },
-        low: 0.0,
+        low: 0.5,
         high: 2.5,
         tolerance: Some(0.5),
     }
@@ -264,7 +264,8 @@ pub fn library(problem: &Problem, s: &Scales) -> Vec<Candidate> {
 
 fn conventions(list: &mut List, problem: &Problem, s: &Scales) {
     let ratios = [0.5, 0.95, 1.05, 2.0, 57.29578, 0.0174533];
-    let scale = |p| linear(p, 0.1, -100.0, 100.0);
+    // Another sign is another effect.
+    let scale = |p| linear(p, 0.1, 1e-3, 100.0);
     list.one(Effect::JointScale, "command", scale(P::Scale), &ratios, 1.0);
     list.one(
         Effect::JointSign,
@@ -306,14 +307,16 @@ fn transport(list: &mut List, problem: &Problem, s: &Scales) {
     let echoed = || vec![linear(P::Echo, 1.0, 1.0, 1.0)];
     list.add(Effect::Jitter, "", echoed(), vec![vec![1.0]]);
     list.add(Effect::PacketLoss, "", echoed(), vec![vec![1.0]]);
-    let skew = linear(P::Skew, 1e-3, -0.2, 0.2);
-    list.one(
-        Effect::ClockSkew,
-        "",
-        skew,
-        &[-0.03, -0.003, -3e-4, 3e-4, 0.003, 0.03],
-        1.0,
-    );
+    // The whole clock is off, or only the one that plays the gait.
+    for (variant, played) in [("clock", 0.0), ("gait", 1.0)] {
+        let skew = linear(P::Skew, 1e-3, -0.2, 0.2);
+        let free = vec![skew, linear(P::Played, 1.0, played, played)];
+        let starts = [
+            -0.03, -0.01, -0.003, -1e-3, -3e-4, 3e-4, 1e-3, 0.003, 0.01, 0.03,
+        ];
+        let starts = starts.map(|x| vec![x, played]).to_vec();
+        list.add(Effect::ClockSkew, variant, free, starts);
+    }
     let echoed = crate::joint::arrival::lattice(&problem.runs);
     // Rounding is no smooth function of its step: a fine grid where the echo does not show the step itself.
     let steps: Vec<f64> = match echoed {
@@ -382,7 +385,10 @@ fn controller(list: &mut List, s: &Scales, n: &crate::joint::Nominal) {
 }
 
 fn electrical(list: &mut List, problem: &Problem, s: &Scales, n: &crate::joint::Nominal) {
-    let shares = [0.25, 0.45, 0.65, 0.85, 1.0];
+    // Close together: the valley of a hard limit is narrow.
+    let shares = [
+        0.1, 0.125, 0.155, 0.19, 0.24, 0.3, 0.37, 0.46, 0.58, 0.72, 0.9, 1.1,
+    ];
     if matches!(n.output, Output::Duty | Output::Voltage) {
         if problem.known.speed.is_some() && n.no_load_speed.is_finite() {
             list.one(
@@ -483,13 +489,14 @@ fn friction(list: &mut List, s: &Scales) {
         vec![positive(P::Static, t), speed],
         starts,
     );
-    list.one(
-        Effect::LoadDependentFriction,
-        "",
-        linear(P::LoadShare, 0.1, 0.0, 2.0),
-        &[0.02, 0.08, 0.25, 0.6],
-        1.0,
-    );
+    // How much of the inertia sits behind the gear is stated nowhere: about half, give or take.
+    let behind = Free {
+        tolerance: Some(0.3),
+        ..linear(P::Behind, 1.0, 0.0, 1.0)
+    };
+    let starts = [0.02, 0.08, 0.25, 0.6].map(|x| vec![x, 0.5]).to_vec();
+    let free = vec![linear(P::LoadShare, 0.1, 0.0, 2.0), behind];
+    list.add(Effect::LoadDependentFriction, "", free, starts);
     let both = |p, scale: f64| linear(p, 0.1 * scale, -1e3 * scale, 1e3 * scale);
     let free = vec![
         both(P::Asymmetry, t),

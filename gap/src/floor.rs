@@ -106,6 +106,8 @@ pub fn floor(problem: &Problem) -> Floor {
         }
         if !d.is_empty() {
             *repeat = math::mean(&d);
+            // What two recordings share is motion, however fast.
+            out.noise[c] = out.noise[c].min(*repeat);
         }
     }
     if repeat[0].is_finite() {

@@ -21,7 +21,7 @@ pub fn stage_of(p: P) -> Stage {
     use P::*;
     match p {
         Scale | Offset | MechOffset | RecordScale => Stage::Conventions,
-        Delay | Skew | Quantum | Echo => Stage::Transport,
+        Delay | Skew | Played | Quantum | Echo => Stage::Transport,
         LoopGain | Damping | SpeedDelay | Deadband | SlewLimit | FeedbackDelay | Lag => {
             Stage::Driver
         }

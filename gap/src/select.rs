@@ -1,11 +1,12 @@
 //! Which effects: forward selection on held-out gaits, backward pruning, exchange against rivals.
 
 mod exchange;
+mod propose;
 
 use crate::candidates::{self, Candidate};
-use crate::fit::{Linear, Model, Objective};
+use crate::fit::{Model, Objective};
 use crate::joint::{P, Params};
-use crate::vocabulary::Effect;
+use crate::vocabulary::{Effect, Stage};
 
 pub use exchange::Rival;
 
@@ -44,6 +45,10 @@ impl Default for Options {
 
 /// A base parameter beyond this many tolerances is a gap.
 const PULL: f64 = 3.0;
+
+/// Gain of the cost with priors at which a base parameter that left its tolerance against its prior is believed: what
+/// three tolerances cost, at a hundred independent samples.
+const STRAINED: f64 = 0.09;
 
 /// Other branches that are looked at when a second effect comes in: the greedy first one may be half of two.
 const BRANCHES: usize = 2;
@@ -100,6 +105,9 @@ pub struct Selection {
     pub steps: Vec<Step>,
     /// Candidates that were put to the test, in order.
     pub considered: Vec<Considered>,
+    /// Held-out cost that the model error allowed for is a share of: what there is to explain by laws that two simulators
+    /// may put differently.
+    pub first: f64,
     /// Held-out cost at the end.
     pub held_out: f64,
     /// Best rivals per effect found.
@@ -142,6 +150,11 @@ impl Node {
     fn held_out(&self) -> f64 {
         self.held.iter().sum()
     }
+}
+
+/// Effects that every simulator puts alike: numbers on their way to the controller.
+fn exact(e: Effect) -> bool {
+    matches!(e.stage(), Stage::Conventions | Stage::Transport)
 }
 
 /// A refitted candidate.
@@ -207,98 +220,6 @@ impl Search<'_> {
         all.sort_by(|a, b| a.score.total_cmp(&b.score));
     }
 
-    /// The best candidates beside those in the model: every start is screened with the other parameters adapted to first
-    /// order, the best starts of every candidate are refitted a little, the best candidates well.
-    fn expand(&self, o: &Objective<'_>, model: &Model, found: &[Found]) -> Vec<Try> {
-        let mut tries: Vec<(usize, Model)> = Vec::new();
-        let arrivals = candidates::irregular(o.problem);
-        for (k, c) in self.library.iter().enumerate() {
-            if !self.taken(model, found, c) && arrivals.admits(c.effect) {
-                tries.extend(c.starts.iter().map(|s| (k, with(model, c, s))));
-            }
-        }
-        let sets: Vec<Params> = tries.iter().map(|t| t.1.params).collect();
-        let linear = o.linearise(model);
-        let costs = o.screen(&linear, &sets);
-        let mut all: Vec<Try> = tries
-            .into_iter()
-            .zip(costs)
-            .map(|((candidate, model), score)| Try {
-                score,
-                model,
-                candidate,
-            })
-            .collect();
-        all.sort_by(|a, b| a.score.total_cmp(&b.score));
-        let starts = if self.options.thorough { 2 } else { 1 };
-        let mut seen = vec![0; self.library.len()];
-        all.retain(|t| {
-            seen[t.candidate] += 1;
-            seen[t.candidate] <= starts
-        });
-        let moved: usize = found.iter().map(|f| f.candidate.moving()).sum();
-        self.refit_shared(o, &linear, &mut all, moved, 2);
-        let mut seen = vec![false; self.library.len()];
-        all.retain(|t| !std::mem::replace(&mut seen[t.candidate], true));
-        all.truncate(2 * self.options.refined);
-        self.refit_shared(o, &linear, &mut all, moved, 3);
-        all.truncate(self.options.refined);
-        self.refit(o, &mut all, 5);
-        all
-    }
-
-    /// Improves all with the shared slopes of `linear`; the last `moved` parameters before the candidate's own are those of
-    /// effects already found, which a new one may push far: they are linearised afresh too.
-    fn refit_shared(
-        &self,
-        o: &Objective<'_>,
-        linear: &Linear,
-        all: &mut [Try],
-        moved: usize,
-        iterations: usize,
-    ) {
-        let mut models: Vec<Model> = all.iter().map(|x| x.model.clone()).collect();
-        let own: Vec<usize> = all
-            .iter()
-            .map(|x| (moved + self.library[x.candidate].moving()).min(x.model.free.len()))
-            .collect();
-        let costs = o.polish_shared(linear, &mut models, &own, iterations);
-        for ((x, m), c) in all.iter_mut().zip(models).zip(costs) {
-            x.score = self.score(c, &self.library[x.candidate]);
-            x.model = m;
-        }
-        all.sort_by(|a, b| a.score.total_cmp(&b.score));
-    }
-
-    /// Refits a candidate from all its starts: non-smooth parameters have more than one valley. And once with the nominal
-    /// parameters back at their stated values, which a large effect may have pulled far away before it was known.
-    fn deepen(&self, o: &Objective<'_>, node: &Node, linear: &Linear, best: &mut Try) {
-        let c = &self.library[best.candidate];
-        let attempt = |model: Model| Try {
-            score: f64::INFINITY,
-            model,
-            candidate: best.candidate,
-        };
-        let starts = c.starts.iter().filter(|_| c.starts.len() > 1);
-        let mut all: Vec<Try> = starts.map(|s| attempt(with(&node.model, c, s))).collect();
-        let effects = || node.found.iter().map(|f| &f.candidate).chain([c]);
-        let moved = effects().map(Candidate::moving).sum::<usize>() - c.moving();
-        self.refit_shared(o, linear, &mut all, moved, 4);
-        all.truncate(1);
-        all.retain(|t| t.score < 1.5 * best.score);
-        let mut stated = best.model.clone();
-        for f in best.model.free.iter().filter(|f| f.tolerance.is_some()) {
-            stated.params.set(f.p, Params::neutral(f.p));
-        }
-        all.push(attempt(stated));
-        self.refit(o, &mut all, 5);
-        if let Some(first) = all.into_iter().next().filter(|t| t.score < best.score) {
-            *best = first;
-        }
-        let moving: Vec<P> = effects().flat_map(|c| &c.free).map(|f| f.p).collect();
-        best.score = self.score(o.jiggle(&mut best.model, &moving), c);
-    }
-
     /// What gains are measured against: the cost that is left, never below the floor, and the model error allowed for.
     fn scale(&self, left: f64, first: f64) -> f64 {
         (left.max(self.floor_cost) + self.options.model_error * first).max(1e-12)
@@ -335,7 +256,8 @@ impl Search<'_> {
         let majority = 2 * wins > held.len() || held.len() < 3 || c.effect.is_base();
         // A base parameter that left its tolerance even against its prior is evidence of its own.
         let off = c.effect.is_base() && self.pull(c, &node.model.params) > PULL;
-        let enough = self.enough(gain) || (off && gain > self.options.least_gain);
+        let relief = (o.cost(&node.model) - o.cost(&t.model)) / self.scale(after, first);
+        let enough = self.enough(gain) || (off && gain.max(relief) > STRAINED);
         let believed = enough && majority && pull > PULL;
         let out = Considered {
             effect: c.effect,
@@ -360,7 +282,8 @@ impl Search<'_> {
         log: &mut Vec<Considered>,
     ) -> Option<(f64, Node)> {
         let linear = o.linearise(&node.model);
-        for t in tries.iter_mut().take(2) {
+        let mut strained = self.strained(o, node, tries);
+        for t in tries.iter_mut().take(2).chain(&mut strained) {
             self.deepen(o, node, &linear, t);
             let (c, held) = self.consider(o, node, t, first);
             log.push(c.clone());
@@ -409,12 +332,14 @@ impl Search<'_> {
             found: Vec::new(),
             held,
         };
-        let first = node.held_out();
+        let mut first = node.held_out();
         let mut log = Vec::new();
         let mut steps = vec![step(None, &node)];
         let mut branches: Vec<Node> = Vec::new();
         let mut partial = false;
-        while node.found.len() < self.options.most && self.room(node.held_out(), first) {
+        while node.found.len() < self.options.most
+            && (self.room(node.held_out(), first) || self.is_strained(&node))
+        {
             if !watch(&format!("searching effect {}", node.found.len() + 1)) {
                 partial = true;
                 break;
@@ -436,6 +361,9 @@ impl Search<'_> {
             }
             node = next;
             self.settle(&mut node);
+            if node.found.iter().all(|f| exact(f.candidate.effect)) {
+                first = node.held_out();
+            }
             steps.push(step(node.found.last().map(|f| f.candidate.effect), &node));
             self.prune(&mut node, first);
         }
@@ -445,6 +373,7 @@ impl Search<'_> {
         }
         rivals.resize_with(node.found.len(), Vec::new);
         Selection {
+            first,
             held_out: node.held_out(),
             model: node.model,
             found: node.found,

@@ -10,15 +10,18 @@ use super::param::{P, Params};
 struct Held<'a> {
     run: &'a RunData,
     echo: bool,
+    /// Instants and values of a gait that runs at another rate; empty where they are as recorded.
+    played: (Vec<f64>, Vec<f64>),
     index: usize,
     last_s: f64,
 }
 
 impl<'a> Held<'a> {
-    fn new(run: &'a RunData, echo: bool, start_s: f64) -> Self {
+    fn new(run: &'a RunData, echo: bool, played: (Vec<f64>, Vec<f64>), start_s: f64) -> Self {
         let mut out = Self {
             run,
             echo,
+            played,
             index: 0,
             last_s: start_s,
         };
@@ -32,7 +35,12 @@ impl<'a> Held<'a> {
         if self.echo {
             self.run.arrivals.get(i).map(|a| a.t_s)
         } else {
-            self.run.command_t_s.get(i).copied()
+            let times = if self.played.0.is_empty() {
+                &self.run.command_t_s
+            } else {
+                &self.played.0
+            };
+            times.get(i).copied()
         }
     }
 
@@ -42,7 +50,12 @@ impl<'a> Held<'a> {
         } else {
             i
         };
-        self.run.command.get(i).copied().unwrap_or(0.0)
+        let values = if self.played.1.is_empty() {
+            &self.run.command
+        } else {
+            &self.played.1
+        };
+        values.get(i).copied().unwrap_or(0.0)
     }
 
     fn mean_to(&mut self, to_s: f64) -> f64 {
@@ -66,10 +79,51 @@ impl<'a> Held<'a> {
     }
 }
 
+/// Set-points of `run` with its gait played at `clock` times the rate, still sent tick by tick: instants and values. On
+/// a curve the instants stay and the values are a cubic's through the four neighbours; steps come at the tick after them.
+fn played(run: &RunData, clock: f64) -> (Vec<f64>, Vec<f64>) {
+    let (t, y) = (&run.command_t_s, &run.command);
+    let n = t.len();
+    if !run.curved || n < 4 {
+        return ((0..n).map(|i| moved(run, i, clock)).collect(), y.clone());
+    }
+    let mut k = 0;
+    let one = |at: &f64| {
+        let at = at * clock;
+        while k + 2 < n && t[k + 1] <= at {
+            k += 1;
+        }
+        let from = k.saturating_sub(1).min(n - 4);
+        let term = |i: usize| {
+            let others = (from..from + 4).filter(|j| *j != i);
+            others.fold(y[i], |w, j| w * (at - t[j]) / (t[i] - t[j]))
+        };
+        if at >= t[n - 1] {
+            y[n - 1]
+        } else {
+            (from..from + 4).map(term).sum()
+        }
+    };
+    (t.clone(), t.iter().map(one).collect())
+}
+
+/// Tick at which step `i` of a gait comes that is played at `clock` times its rate.
+fn moved(run: &RunData, i: usize, clock: f64) -> f64 {
+    // The echo shows it, but for a delay on the way.
+    let tick = match run.arrivals.iter().find(|a| a.index == i) {
+        Some(a) if i > 0 => ((a.t_s + a.doubt_s) / run.tick_s + 1e-6).floor(),
+        // Where between two ticks the step was is not known: halfway.
+        _ => ((run.command_t_s[i] / run.tick_s - 0.5).max(0.0) / clock - 1e-6).ceil(),
+    };
+    tick * run.tick_s
+}
+
 /// Parameters of one lane's command path.
 #[derive(Clone, Copy, PartialEq)]
 struct Path {
     echo: bool,
+    /// Rate of the gait.
+    rate: f64,
     clock: f64,
     delay: f64,
     scale: f64,
@@ -98,16 +152,24 @@ impl<'a> Commands<'a> {
         let first = run.command.first().copied().unwrap_or(start);
         let lane = |p: &Params| {
             let echo = p.get(P::Echo) > 0.5 && !run.arrivals.is_empty();
+            let clock = 1.0 + p.get(P::Skew);
+            let gait = p.get(P::Played) > 0.5 && run.tick_s.is_finite() && clock != 1.0 && !echo;
             let path = Path {
                 echo,
-                clock: if echo { 1.0 } else { 1.0 + p.get(P::Skew) },
+                rate: if gait { clock } else { 1.0 },
+                clock: if echo || gait { 1.0 } else { clock },
                 delay: if echo { 0.0 } else { p.get(P::Delay) },
                 scale: p.get(P::Scale),
                 offset: p.get(P::Offset),
                 quantum: p.get(P::Quantum),
                 slew: p.get(P::SlewLimit) * dt_s,
             };
-            let held = Held::new(run, echo, -path.delay);
+            let played = if gait {
+                played(run, clock)
+            } else {
+                <_>::default()
+            };
+            let held = Held::new(run, echo, played, -path.delay);
             Lane {
                 slewed: first * path.scale + path.offset,
                 path,

@@ -106,6 +106,10 @@ pub struct RunData {
     pub command_t_s: Vec<f64>,
     /// Set-points at those times.
     pub command: Vec<f64>,
+    /// The set-points follow a curve, tick by tick; not steps now and then.
+    pub curved: bool,
+    /// Interval at which set-points are sent, s; infinite where no run shows it.
+    pub tick_s: f64,
     /// Set-points that arrived, by the driver's echo; empty where it was not measured.
     pub arrivals: Vec<super::arrival::Arrival>,
     /// Disagreement between echoed and sent set-points, beside one straight line.
@@ -308,8 +312,12 @@ impl Problem {
             .period_s
             .map_or(f64::INFINITY, |p| p.value);
         let dt_s = (step_s / 5.0)
-            .min(stable_step_s(&reference))
-            .min(period_s)
+            .min(if period_s.is_finite() {
+                // A sampled loop is what it is at its own period; the plant between is exact enough.
+                period_s
+            } else {
+                stable_step_s(&reference)
+            })
             .clamp(DT_RANGE_S.0, DT_RANGE_S.1);
         // A whole number of steps per row: rows and set-points of one cyclic loop then fall onto steps.
         let dt_s = step_s / (step_s / dt_s - 1e-6).ceil().max(1.0);
@@ -337,6 +345,7 @@ impl Problem {
             }
             runs.push(data);
         }
+        curved(&mut runs);
         let any = runs
             .iter()
             .any(|r: &RunData| r.samples.iter().any(|s| s.measured[0].is_finite()));
@@ -349,6 +358,24 @@ impl Problem {
             linear: manifest.bench.motion == files::dataset::Motion::Linear,
             position_quantum: quantum,
         })
+    }
+}
+
+/// Marks the runs whose set-points change at (nearly) every tick of the one who sends them.
+fn curved(runs: &mut [RunData]) {
+    let interval = |r: &RunData| {
+        let gaps: Vec<f64> = r.command_t_s.windows(2).map(|w| w[1] - w[0]).collect();
+        if gaps.len() < 4 {
+            f64::INFINITY
+        } else {
+            math::median(&gaps)
+        }
+    };
+    let tick = runs.iter().map(interval).fold(f64::INFINITY, f64::min);
+    for r in runs {
+        let own = interval(r);
+        r.curved = own.is_finite() && own <= 1.5 * tick;
+        r.tick_s = tick;
     }
 }
 
@@ -417,6 +444,8 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
         nominal,
         command_t_s,
         command: commands,
+        curved: false,
+        tick_s: f64::INFINITY,
         arrivals,
         arrival_error,
         samples,

@@ -1,4 +1,4 @@
-//! The forward model of one joint, eight parameter sets at a time. Semi-implicit Euler; friction as a clipped
+//! The forward model of one joint, eight parameter sets at a time. Steps of second order; friction as a clipped
 //! stop-effort, so it holds without chatter. Lanes never mix: a lane gives the same bits whatever its neighbours are.
 
 use files::dataset::{Command, Output};
@@ -11,8 +11,8 @@ use super::param::{P, Params};
 /// Parameter sets simulated at once.
 pub const LANES: usize = 8;
 
-/// Most steps of delay in the speed estimate.
-const SPEEDS: usize = 8;
+/// Positions that the controller remembers for its speed estimate.
+const SEEN: usize = 16;
 
 /// Steps whose set-points are worked out ahead at once: small enough for the fastest cache.
 const BLOCK: usize = 128;
@@ -41,6 +41,8 @@ struct Model<'a> {
     p: &'a [Params],
     used: Used,
     dt: F,
+    /// dt / 2.
+    half: F,
     /// dt / inertia.
     k: F,
     inertia: F,
@@ -72,13 +74,15 @@ struct Model<'a> {
     stick: F,
     stribeck_speed: F,
     load_share: F,
+    /// Share of the inertia that sits behind the gear.
+    behind: F,
     ripple: [F; 3],
     play: F,
     output_play: F,
     flexibility: F,
     record_scale: F,
-    /// Weights of the last speeds in the controller's speed estimate, newest first; empty where it is exact.
-    speed: Vec<F>,
+    /// Steps of the controller's speed estimate; `None` where it is exact.
+    speed: Option<[f64; LANES]>,
     delay_steps: [f64; LANES],
 }
 
@@ -114,7 +118,11 @@ fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> {
     };
     let lag = |p: &Params| {
         let lag = p.get(P::Lag).max(0.0);
-        if lag > 0.0 { dt / (lag + dt) } else { 1.0 }
+        if lag > 0.0 {
+            1.0 - libm::exp(-dt / lag)
+        } else {
+            1.0
+        }
     };
     let mut delay_steps = [0.0; LANES];
     for (d, p) in delay_steps.iter_mut().zip(p) {
@@ -138,6 +146,7 @@ fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> {
         p,
         used,
         dt: F::splat(dt),
+        half: F::splat(0.5 * dt),
         k: lanes(p, |p| dt / inertia(p)),
         inertia: lanes(p, inertia),
         gravity: lanes(p, gravity),
@@ -167,27 +176,27 @@ fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> {
         stick: get(P::Static),
         stribeck_speed: get(P::StribeckSpeed),
         load_share: get(P::LoadShare),
+        behind: get(P::Behind),
         ripple: [get(P::RippleSin), get(P::RippleCos), get(P::RipplePeriods)],
         play: get(P::Play),
         output_play: get(P::OutputPlay),
         flexibility: get(P::Flexibility),
         record_scale: get(P::RecordScale),
-        speed: speed_weights(p, n.period_s, dt),
+        speed: speed_steps(p, n.period_s, dt),
         delay_steps,
     }
 }
 
-/// A delay of the speed estimate as weights of the last speeds: a hat between the two nearest steps.
-fn speed_weights(p: &[Params], period_s: f64, dt: f64) -> Vec<F> {
-    let steps =
-        |p: &Params| (p.get(P::SpeedDelay).max(0.0) * period_s / dt).min(SPEEDS as f64 - 1.0);
-    let most = p.iter().map(steps).fold(0.0, f64::max);
-    if most <= 0.0 {
-        return Vec::new();
+/// Steps over which the controller takes its difference of positions: as late as half their number.
+fn speed_steps(p: &[Params], period_s: f64, dt: f64) -> Option<[f64; LANES]> {
+    if period_s <= 0.0 || p.iter().all(|p| p.get(P::SpeedDelay) <= 0.0) {
+        return None;
     }
-    (0..=most.ceil() as usize)
-        .map(|k| lanes(p, |p| (1.0 - (steps(p) - k as f64).abs()).max(0.0)))
-        .collect()
+    let mut out = [1.0; LANES];
+    for (steps, p) in out.iter_mut().zip(p) {
+        *steps = (2.0 * p.get(P::SpeedDelay) * period_s / dt).clamp(1.0, SEEN as f64 - 1.0);
+    }
+    Some(out)
 }
 
 /// What the loop carries from step to step.
@@ -205,9 +214,12 @@ struct State {
     /// Effort before any loss of torque: what the current shows.
     electrical: F,
     heat: F,
+    /// Inertia times the last acceleration.
+    inertial: F,
     history: Vec<(F, F)>,
     at: usize,
-    speeds: [F; SPEEDS],
+    /// Positions as the controller saw them, newest first.
+    seen: [F; SEEN],
 }
 
 fn zero() -> F {
@@ -249,6 +261,21 @@ fn sin(x: F) -> F {
     half.simd_ne(whole).select(-s, s)
 }
 
+/// `exp(-x)` of every lane for `x >= 0`: the series of `exp(x / 16)`, turned over and squared four times. Good to 1e-5
+/// below x = 4 and always between 0 and 1.
+fn decay(x: F) -> F {
+    let z = x.fast_min(F::splat(48.0)) * F::splat(1.0 / 16.0);
+    let mut p = F::splat(1.0 / 120.0);
+    for c in [1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0] {
+        p = F::splat(c) + z * p;
+    }
+    let mut e = F::splat(1.0) / p;
+    for _ in 0..4 {
+        e *= e;
+    }
+    e
+}
+
 impl State {
     fn new(run: &RunData, m: &Model<'_>) -> Self {
         let e = run.edges.first().copied();
@@ -267,9 +294,10 @@ impl State {
             effort: zero(),
             electrical: zero(),
             heat: zero(),
+            inertial: zero(),
             history: vec![(q, dq); deepest.ceil() as usize + 2],
             at: 0,
-            speeds: [dq; SPEEDS],
+            seen: [q; SEEN],
         }
     }
 
@@ -296,9 +324,26 @@ impl State {
         (F::from(q), F::from(dq))
     }
 
-    fn restart(&mut self, position: f64, velocity: f64, running: bool) {
+    /// Speed as the difference of seen positions over some steps.
+    fn difference(&self, m: &Model<'_>, steps: &[f64; LANES]) -> F {
+        let mut out = [0.0; LANES];
+        for (i, steps) in steps.iter().enumerate() {
+            let whole = (*steps as usize).min(SEEN - 2);
+            let part = steps - whole as f64;
+            let at = |k: usize| self.seen[k].as_array()[i];
+            let before = at(whole) + part * (at(whole + 1) - at(whole));
+            out[i] = (at(0) - before) / steps;
+        }
+        F::from(out) / m.dt
+    }
+
+    fn restart(&mut self, position: f64, velocity: f64, running: bool, dt_s: f64) {
         (self.q, self.dq) = (F::splat(position), F::splat(velocity));
         (self.output, self.link, self.integral) = (self.q, self.q, zero());
+        self.inertial = zero();
+        for (k, seen) in self.seen.iter_mut().enumerate() {
+            *seen = self.q - self.dq * F::splat((k + 1) as f64 * dt_s);
+        }
         if running {
             self.actuator = zero();
         }
@@ -311,13 +356,10 @@ fn control(m: &Model<'_>, s: &mut State, sp: F, run: &RunData) -> F {
         return clamp(sp, -m.limit, m.limit);
     }
     let (q, mut dq) = s.feedback(m);
-    if !m.speed.is_empty() {
-        s.speeds.copy_within(0..SPEEDS - 1, 1);
-        s.speeds[0] = dq;
-        dq = zero();
-        for (w, v) in m.speed.iter().zip(&s.speeds) {
-            dq += *w * *v;
-        }
+    if let Some(steps) = &m.speed {
+        s.seen.copy_within(0..SEEN - 1, 1);
+        s.seen[0] = q;
+        dq = s.difference(m, steps);
     }
     let mut e = sp - q;
     e -= clamp(e, -m.band, m.band);
@@ -376,8 +418,10 @@ fn mechanics(m: &Model<'_>, s: &mut State, electrical: (F, F), enabled: bool) {
     }
     let mut load = zero();
     if m.used.gravity {
-        load -= m.gravity * sin(s.q + m.mech);
+        // Half a step ahead: the error of a step is then of third order.
+        load -= m.gravity * sin(s.q + m.half * s.dq + m.mech);
     }
+    let hanging = load;
     if m.used.ripple {
         let x = m.ripple[2] * s.q;
         load += m.ripple[0] * sin(x) + m.ripple[1] * sin(x + F::splat(std::f64::consts::FRAC_PI_2));
@@ -391,19 +435,26 @@ fn mechanics(m: &Model<'_>, s: &mut State, electrical: (F, F), enabled: bool) {
         viscous += sign * m.asymmetry_viscous + m.quadratic * speed.abs();
         dry += sign * m.asymmetry;
     }
-    let inverse = F::splat(1.0) / (F::splat(1.0) + m.k * (b + viscous));
-    let free = (speed + m.k * (a + load)) * inverse;
+    // What is proportional to speed decays as over a whole step of constant effort, to third order in the step.
+    let one = F::splat(1.0);
+    let x = m.k * (b + viscous);
+    let grown = one + x * (F::splat(0.5) + x * F::splat(1.0 / 6.0));
+    let inverse = one / (one + x * grown);
+    let gain = m.k * grown * inverse;
+    let free = speed * inverse + gain * (a + load);
     if m.used.stribeck {
         let x = free / m.stribeck_speed;
-        dry += m.stick / (F::splat(1.0) + x * x);
+        dry += m.stick * decay(x * x);
     }
     if m.used.load {
-        // Half the difference of the two efforts that press on the gear: what it transmits (after Rhoban BAM).
-        dry += m.load_share * F::splat(0.5) * (a - b * speed - load).abs();
+        // What the gear transmits: the hanging load, and the inertia behind the gear as it was accelerated last.
+        dry += m.load_share * (m.behind * s.inertial - hanging).abs();
     }
-    let stop = m.k * dry.fast_max(zero()) * inverse;
+    let stop = gain * dry.fast_max(zero());
     s.dq = sign_of(free) * (free.abs() - stop).fast_max(zero());
-    s.q += m.dt * s.dq;
+    // A trapezium, less what the decay bends it.
+    s.q += m.half * (speed + s.dq + x * F::splat(1.0 / 6.0) * (s.dq - speed));
+    s.inertial = (s.dq - speed) / m.k;
     s.effort = a - b * s.dq;
     s.electrical = electrical.0 - electrical.1 * s.dq;
     // A run that blows up, or became NaN, is parked far away.
@@ -459,16 +510,16 @@ pub fn simulate_lanes(run: &RunData, params: &[Params], dt_s: f64, trace: &mut V
     let (mut applied, mut followed) = ([zero(); BLOCK], [zero(); BLOCK]);
     let (mut row, mut edge) = (0, 0);
     let mut enabled = true;
-    let mut before = (s.output, s.link);
+    let mut before = Before::of(&m, &s);
     for block in (0..run.steps).step_by(BLOCK) {
         let count = BLOCK.min(run.steps - block);
         commands.fill(block, &mut applied[..count], &mut followed[..count]);
         for (k, (applied, sp)) in applied.iter().zip(&followed).take(count).enumerate() {
             let step = block + k;
             while let Some(e) = run.edges.get(edge).filter(|e| e.step <= step) {
-                s.restart(e.position, e.velocity, step > 0);
+                s.restart(e.position, e.velocity, step > 0, dt_s);
                 enabled = e.enabled;
-                before = (s.output, s.link);
+                before = Before::of(&m, &s);
                 edge += 1;
             }
             let ab = if enabled {
@@ -481,21 +532,49 @@ pub fn simulate_lanes(run: &RunData, params: &[Params], dt_s: f64, trace: &mut V
             mechanics(&m, &mut s, ab, enabled);
             transmission(&m, &mut s);
             while let Some(x) = run.samples.get(row).filter(|x| x.step == step) {
-                trace.push(blend(&m, outputs(&m, &s, *applied), before, x.part));
+                trace.push(blend(&m, outputs(&m, &s, *applied), &before, x.part));
                 row += 1;
             }
-            before = (s.output, s.link);
+            before = Before::of(&m, &s);
         }
     }
     let last = trace.last().copied().unwrap_or([zero(); CHANNELS]);
     trace.resize(run.samples.len(), last);
 }
 
-/// Angles run on between steps; electrical signals are held.
-fn blend(m: &Model<'_>, mut after: Row, before: (F, F), part: f64) -> Row {
+/// Angles run on between steps. A row at the very instant of a step holds what the controller read before it acted: the
+/// current and voltage of the duty before, and the duty that follows.
+fn blend(m: &Model<'_>, mut after: Row, before: &Before, part: f64) -> Row {
+    if part < AT_STEP {
+        (after[1], after[3], after[5]) = (before.current, before.bus, before.effort);
+    }
     let part = F::splat(part);
-    let (position, link) = (before.0 * m.record_scale, before.1 + m.mech);
+    let (position, link) = (before.output * m.record_scale, before.link + m.mech);
     after[0] = position + part * (after[0] - position);
     after[4] = link + part * (after[4] - link);
     after
+}
+
+/// A row within this part of a step is at its instant.
+const AT_STEP: f64 = 1e-3;
+
+/// Signals at the end of the last step.
+struct Before {
+    output: F,
+    link: F,
+    current: F,
+    bus: F,
+    effort: F,
+}
+
+impl Before {
+    fn of(m: &Model<'_>, s: &State) -> Self {
+        Self {
+            output: s.output,
+            link: s.link,
+            current: s.electrical / m.kt,
+            bus: s.bus,
+            effort: s.effort,
+        }
+    }
 }

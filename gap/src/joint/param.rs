@@ -31,6 +31,7 @@ params! {
     Delay = 0.0, "set-point delay, s";
     Echo = 0.0, "1: set-points arrive when the driver echoed them";
     Skew = 0.0, "robot clock rate minus 1";
+    Played = 0.0, "1: the clock plays the gait, set-points still leave at their instants";
     Quantum = 0.0, "set-point step";
     Deadband = 0.0, "half width of ignored errors";
     SlewLimit = f64::INFINITY, "largest speed of the set-point";
@@ -47,6 +48,7 @@ params! {
     Static = 0.0, "friction above Coulomb at standstill";
     StribeckSpeed = 0.1, "speed at which half of it is gone";
     LoadShare = 0.0, "friction over transmitted effort";
+    Behind = 0.5, "share of the inertia that sits behind the gear";
     Asymmetry = 0.0, "half of the Coulomb difference, forward minus backward";
     AsymmetryViscous = 0.0, "half of the viscous difference";
     Quadratic = 0.0, "N m s^2/rad^2";

@@ -9,7 +9,7 @@ pub(super) const REMAINDER: f64 = 2.2;
 /// Cost of the final model over what a model without a gap may have: the floor, and a share of the first cost that two
 /// simulators of one law may differ by.
 pub(super) fn remainder(d: &Diagnosis, settings: &Settings) -> f64 {
-    let first = d.selection.steps.first().map_or(0.0, |s| s.held_out);
+    let first = d.selection.first;
     d.selection.held_out / (d.floor_cost + settings.options.model_error * first).max(1e-9)
 }
 
