@@ -185,6 +185,8 @@ fn shell(problem: &Problem, motion: &Motion) -> Option<RunData> {
         nominal,
         command_t_s: motion.setpoints.iter().map(|s| s.0).collect(),
         command: motion.setpoints.iter().map(|s| s.1).collect(),
+        curved: false,
+        tick_s: f64::INFINITY,
         arrivals: Vec::new(),
         arrival_error: 0.0,
         steps: samples.last()?.step + 1,

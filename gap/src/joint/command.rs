@@ -89,7 +89,8 @@ fn played(run: &RunData, clock: f64) -> (Vec<f64>, Vec<f64>) {
     }
     let mut k = 0;
     let one = |at: &f64| {
-        let at = at * clock;
+        // Past the last set-point the curve is run on by no more than a tick.
+        let at = (at * clock).min(t[n - 1] + run.tick_s);
         while k + 2 < n && t[k + 1] <= at {
             k += 1;
         }
@@ -98,11 +99,7 @@ fn played(run: &RunData, clock: f64) -> (Vec<f64>, Vec<f64>) {
             let others = (from..from + 4).filter(|j| *j != i);
             others.fold(y[i], |w, j| w * (at - t[j]) / (t[i] - t[j]))
         };
-        if at >= t[n - 1] {
-            y[n - 1]
-        } else {
-            (from..from + 4).map(term).sum()
-        }
+        (from..from + 4).map(term).sum()
     };
     (t.clone(), t.iter().map(one).collect())
 }
