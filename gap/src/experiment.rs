@@ -188,6 +188,7 @@ fn shell(problem: &Problem, motion: &Motion) -> Option<RunData> {
         curved: false,
         tick_s: f64::INFINITY,
         arrivals: Vec::new(),
+        shown_s: Vec::new(),
         arrival_error: 0.0,
         steps: samples.last()?.step + 1,
         samples,

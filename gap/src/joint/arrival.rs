@@ -37,6 +37,16 @@ fn changes(samples: &[Sample], dt_s: f64) -> Vec<(f64, f64, f64)> {
     out
 }
 
+/// Instants of the first rows that show each of `count` set-points, if there are as many changes.
+pub(super) fn shown(samples: &[Sample], count: usize, dt_s: f64) -> Vec<f64> {
+    let changes = changes(samples, dt_s);
+    if changes.len() == count {
+        changes.iter().map(|c| c.0 + c.1).collect()
+    } else {
+        Vec::new()
+    }
+}
+
 /// Straight line from set-points to echoes, over the rows of a run: offsets, scales and signs are no matter of time.
 fn line(samples: &[Sample], command_t_s: &[f64], command: &[f64], dt_s: f64) -> (f64, f64) {
     let (mut n, mut x, mut y, mut xx, mut xy, mut k) = (0.0, 0.0, 0.0, 0.0, 0.0, 0);

@@ -104,13 +104,13 @@ fn played(run: &RunData, clock: f64) -> (Vec<f64>, Vec<f64>) {
     (t.clone(), t.iter().map(one).collect())
 }
 
-/// Tick at which step `i` of a gait comes that is played at `clock` times its rate.
+/// Instant at which step `i` of a gait comes that is played at `clock` times its rate.
 fn moved(run: &RunData, i: usize, clock: f64) -> f64 {
-    // The echo shows it, but for a delay on the way.
-    let tick = match run.arrivals.iter().find(|a| a.index == i) {
-        Some(a) if i > 0 => ((a.t_s + a.doubt_s) / run.tick_s + 1e-6).floor(),
-        // Where between two ticks the step was is not known: halfway.
-        _ => ((run.command_t_s[i] / run.tick_s - 0.5).max(0.0) / clock - 1e-6).ceil(),
+    // The echo shows the tick, but for a delay on the way. Without one: where between two ticks the step was is not
+    // known, so halfway.
+    let tick = match run.shown_s.get(i) {
+        Some(shown) => (shown / run.tick_s + 1e-6).floor(),
+        None => ((run.command_t_s[i] / run.tick_s - 0.5).max(0.0) / clock - 1e-6).ceil(),
     };
     tick * run.tick_s
 }

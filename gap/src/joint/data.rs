@@ -112,6 +112,8 @@ pub struct RunData {
     pub tick_s: f64,
     /// Set-points that arrived, by the driver's echo; empty where it was not measured.
     pub arrivals: Vec<super::arrival::Arrival>,
+    /// Instants of the first rows that echo each set-point; empty unless every one of them is echoed once.
+    pub shown_s: Vec<f64>,
     /// Disagreement between echoed and sent set-points, beside one straight line.
     pub arrival_error: f64,
     /// Rows.
@@ -435,6 +437,7 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
     let steps = samples.last().map_or(0, |s| s.step + 1);
     let (arrivals, arrival_error) =
         super::arrival::arrivals(&samples, &command_t_s, &commands, dt_s);
+    let shown_s = super::arrival::shown(&samples, commands.len(), dt_s);
     mask_edges(&mut samples, &command_t_s, dt_s);
     RunData {
         name: String::new(),
@@ -448,6 +451,7 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
         tick_s: f64::INFINITY,
         arrivals,
         arrival_error,
+        shown_s,
         samples,
         edges,
         steps,
