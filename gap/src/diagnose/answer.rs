@@ -1,10 +1,12 @@
 //! From the search to the verdict.
 
+mod place;
 mod word;
 
 use std::collections::BTreeMap;
 
-use self::word::{REMAINDER, probabilities, remainder, word};
+use self::place::places;
+use self::word::{probabilities, word};
 use super::{Diagnosis, Settings};
 use crate::candidates::{self, Candidate};
 use crate::experiment;
@@ -275,71 +277,6 @@ fn fit_errors(d: &Diagnosis) -> BTreeMap<crate::joint::P, f64> {
         .zip(free)
         .map(|(e, f)| (f.p, e * scale))
         .collect()
-}
-
-fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
-    let floor = if d.floor.repeat.is_some() {
-        d.floor.of(0)
-    } else {
-        0.0
-    };
-    let end = &d.selection.model;
-    let shares = locate::shares(
-        &d.problem,
-        &d.score_runs,
-        &d.nominal,
-        d.ideal,
-        end,
-        floor,
-        settings.seed,
-    );
-    let regime = locate::regime(&d.problem, &d.score_runs, &d.nominal, d.ideal, &end.params);
-    let mut rows: Vec<Where> = shares
-        .into_iter()
-        .filter(|s| s.share > 0.0 || s.stage.is_none())
-        .map(|s| Where {
-            stage: s.stage.map_or("unexplained", Stage::name).into(),
-            joint: if s.stage == Some(Stage::Supply) {
-                None
-            } else {
-                Some(d.problem.joint)
-            },
-            regime: regime.into(),
-            share: s.share,
-            ci95: s.ci95,
-        })
-        .collect();
-    if d.selection.found.is_empty() && remainder(d, settings) > REMAINDER {
-        suspect(d, &mut rows, regime);
-    }
-    rows.sort_by(|a, b| b.share.total_cmp(&a.share));
-    rows
-}
-
-/// Without an effect in the model the stages of the model say nothing of the place: the stage of the candidate that came
-/// nearest to being believed takes what it gained.
-fn suspect(d: &Diagnosis, rows: &mut Vec<Where>, regime: &str) {
-    let gains = d.selection.considered.iter().filter(|c| c.step == 0);
-    let Some(best) = gains.max_by(|a, b| a.gain.total_cmp(&b.gain)) else {
-        return;
-    };
-    let share = ((best.before - best.after) / best.before.max(1e-12)).clamp(0.05, 0.95);
-    rows.iter_mut().for_each(|r| r.share *= 0.5 * (1.0 - share));
-    let stage = best.effect.stage();
-    rows.retain(|r| r.stage != "unexplained");
-    let kept: f64 = rows.iter().map(|r| r.share).sum();
-    let row = |stage: &str, share: f64| Where {
-        stage: stage.into(),
-        joint: Some(d.problem.joint),
-        regime: regime.into(),
-        share,
-        ci95: [0.0, 1.0],
-    };
-    match rows.iter_mut().find(|r| r.stage == stage.name()) {
-        Some(r) => r.share += share,
-        None => rows.push(row(stage.name(), share)),
-    }
-    rows.push(row("unexplained", 1.0 - share - kept));
 }
 
 /// Largest change that a candidate of plausible size makes, in tolerances.

@@ -1,0 +1,136 @@
+//! Where: shares of the stages, and a suspect for what no effect explains.
+
+use super::word::{REMAINDER, remainder};
+use crate::candidates;
+use crate::diagnose::{Diagnosis, Settings};
+use crate::joint::{Channel, Trace, simulate};
+use crate::locate;
+use crate::verdict::Where;
+use crate::vocabulary::{Effect, Stage};
+
+pub(super) fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
+    let floor = if d.floor.repeat.is_some() {
+        d.floor.of(0)
+    } else {
+        0.0
+    };
+    let end = &d.selection.model;
+    let shares = locate::shares(
+        &d.problem,
+        &d.score_runs,
+        &d.nominal,
+        d.ideal,
+        end,
+        floor,
+        settings.seed,
+    );
+    let regime = locate::regime(&d.problem, &d.score_runs, &d.nominal, d.ideal, &end.params);
+    let mut rows: Vec<Where> = shares
+        .into_iter()
+        .filter(|s| s.share > 0.0 || s.stage.is_none())
+        .map(|s| Where {
+            stage: s.stage.map_or("unexplained", Stage::name).into(),
+            joint: if s.stage == Some(Stage::Supply) {
+                None
+            } else {
+                Some(d.problem.joint)
+            },
+            regime: regime.into(),
+            share: s.share,
+            ci95: s.ci95,
+        })
+        .collect();
+    if remainder(d, settings) > REMAINDER {
+        let before = before_driver(d);
+        if d.selection.found.is_empty() {
+            suspect(d, &mut rows, regime, before);
+        }
+        if let Some(Some(stage)) = before {
+            blame(d, &mut rows, stage, 0.9, regime);
+        }
+    }
+    rows.sort_by(|a, b| b.share.total_cmp(&a.share));
+    rows
+}
+
+/// What the driver's echo says of a remainder: it arose before the driver, and in which stage; `Some(None)` if the
+/// set-points arrived as the model has them, `None` without an echo.
+fn before_driver(d: &Diagnosis) -> Option<Option<Stage>> {
+    let c = Channel::Applied as usize;
+    if !candidates::measured(&d.problem, Channel::Applied) {
+        return None;
+    }
+    let weight = d.floor.weights()[c];
+    let (mut n, mut x, mut y, mut xx, mut xy, mut yy, mut error) =
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    for r in &d.score_runs {
+        let run = &d.problem.runs[*r];
+        let mut trace = Trace::new();
+        simulate(run, &d.selection.model.params, d.problem.dt_s, &mut trace);
+        for (s, model) in run.samples.iter().zip(&trace).filter(|(s, _)| s.enabled) {
+            let (a, b) = (model[c] * weight, s.measured[c] * weight);
+            if b.is_finite() {
+                (n, x, y, xx, xy, yy) = (n + 1.0, x + a, y + b, xx + a * a, xy + a * b, yy + b * b);
+                error += (a - b) * (a - b);
+            }
+        }
+    }
+    let floor = d.floor.of(c) * weight;
+    if n < 2.0 || error / n < ECHOED + 4.0 * floor * floor {
+        return Some(None);
+    }
+    // Another scale, sign or zero is a straight line through all instants; what comes late or never is not.
+    let (sxx, sxy, syy) = (xx - x * x / n, xy - x * y / n, yy - y * y / n);
+    let left = syy - sxy * sxy / sxx.max(1e-300);
+    Some(Some(if left < STRAIGHT * error {
+        Stage::Conventions
+    } else {
+        Stage::Transport
+    }))
+}
+
+/// Mean square error of an echo, in tolerances, up to which it is the set-point that the model has: a tenth of one.
+const ECHOED: f64 = 0.01;
+
+/// Share of an echo's error that a straight line may leave for the error to be one of convention.
+const STRAIGHT: f64 = 0.2;
+
+/// Without an effect in the model the stages of the model say nothing of the place: the stage of the candidate that came
+/// nearest to being believed takes what it gained.
+fn suspect(d: &Diagnosis, rows: &mut Vec<Where>, regime: &str, before: Option<Option<Stage>>) {
+    // What the echo rules out is no suspect; a zero of the mechanics it cannot see.
+    let early = |e: Effect| {
+        e.stage() == Stage::Transport
+            || (e.stage() == Stage::Conventions && e != Effect::JointOffset)
+    };
+    let innocent = |e: Effect| before == Some(None) && early(e);
+    let gains = d
+        .selection
+        .considered
+        .iter()
+        .filter(|c| c.step == 0 && !innocent(c.effect));
+    let Some(best) = gains.max_by(|a, b| a.gain.total_cmp(&b.gain)) else {
+        return;
+    };
+    let share = ((best.before - best.after) / best.before.max(1e-12)).clamp(0.05, 0.95);
+    blame(d, rows, best.effect.stage(), share, regime);
+}
+
+/// Gives `share` of the gap to `stage`.
+fn blame(d: &Diagnosis, rows: &mut Vec<Where>, stage: Stage, share: f64, regime: &str) {
+    rows.iter_mut().for_each(|r| r.share *= 0.5 * (1.0 - share));
+    rows.retain(|r| r.stage != "unexplained");
+    let kept: f64 = rows.iter().map(|r| r.share).sum();
+    let row = |stage: &str, share: f64| Where {
+        stage: stage.into(),
+        joint: Some(d.problem.joint),
+        regime: regime.into(),
+        share,
+        ci95: [0.0, 1.0],
+    };
+    match rows.iter_mut().find(|r| r.stage == stage.name()) {
+        Some(r) => r.share += share,
+        None => rows.push(row(stage.name(), share)),
+    }
+    rows.push(row("unexplained", 1.0 - share - kept));
+}
