@@ -10,7 +10,9 @@ mod camera;
 mod conventions;
 pub mod data;
 mod direct;
+mod echo;
 mod found;
+mod joint_library;
 mod joints;
 mod least;
 mod loads;
@@ -22,6 +24,7 @@ mod score;
 mod search;
 mod servo;
 mod terms;
+mod traffic;
 mod windows;
 
 use std::sync::Arc;
@@ -204,17 +207,13 @@ pub fn diagnose(
         found.as_ref().unwrap_or(&params),
         servo::STEP_S,
     );
-    let joints: Vec<Found> = (0..JOINTS)
+    let mut tiers: Vec<Tier> = (0..JOINTS)
+        .filter_map(|k| Tier::new(&data, model, k, &fit_runs, &conventions, &loads))
+        .collect();
+    joints::calibrate(&mut tiers, model, &conventions);
+    let joints: Vec<Found> = tiers
         .into_par_iter()
-        .filter_map(|k| {
-            let tier = Tier::new(&data, model, k, &fit_runs, &conventions, &loads)?;
-            Some(joints::diagnose(
-                tier,
-                model,
-                &conventions,
-                &settings.withhold,
-            ))
-        })
+        .map(|tier| joints::diagnose(tier, model, &conventions, &settings.withhold))
         .collect();
     let loads_together = loads::Replay {
         data: &data,

@@ -1,6 +1,7 @@
 //! Joint order and signs: which set-point each joint follows, and in which direction.
 
 use super::data::{Data, JOINTS, Track};
+use super::echo::Echo;
 
 /// Time from a set-point to the angle it causes that is typical of the nominal servo (1 / P), s.
 const LAG_S: f64 = 0.1;
@@ -20,8 +21,8 @@ pub(super) struct Conventions {
     pub(super) slope: [Option<f64>; JOINTS],
     /// Mean of angle less slope times set-point, rad.
     pub(super) offset_rad: [f64; JOINTS],
-    /// Set-points get lost or come unevenly ([`super::direct`]).
-    pub(super) uneven: [bool; JOINTS],
+    /// The way of each joint's set-points.
+    pub(super) echo: [Echo; JOINTS],
     /// Torque per current over the nominal one ([`super::direct`]).
     pub(super) per_ampere: [f64; JOINTS],
     /// Speed at which the back-EMF takes all of the measured supply; infinite where not measured.
@@ -149,7 +150,7 @@ pub(super) fn find(data: &Data) -> Conventions {
         order,
         slope: [None; JOINTS],
         offset_rad: [0.0; JOINTS],
-        uneven: [false; JOINTS],
+        echo: [Echo::NEUTRAL; JOINTS],
         per_ampere: [1.0; JOINTS],
         no_load_rad_s: [f64::INFINITY; JOINTS],
     };

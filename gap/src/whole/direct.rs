@@ -1,7 +1,8 @@
-//! What the signals show without a simulation: set-points on their way, the motor's voltage equation, the supply.
+//! What the signals show without a simulation: set-points on their way ([`echo`]), the motor's voltage equation, the supply.
 
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Track};
+use super::echo;
 use super::joints::nm_per_a;
 use super::least::solve;
 use crate::math;
@@ -26,74 +27,20 @@ fn winding_ohm(k: usize) -> f64 {
 
 /// Spread of motor constants and of windings of one type (1 sigma, relative); beyond three of them it is an effect. Windings also
 /// warm up: 4 % per 10 K.
-const MOTOR: [f64; 2] = [0.03, 0.05];
+const MOTOR: [f64; 2] = [0.03, 0.04];
+const BEYOND: f64 = 3.0;
+/// Factor on an error that a jackknife over some gaits gives: of six gaits it is known to a third.
+const ERRORS: f64 = 1.5;
 /// Voltage for which Table I states the motors, V, and the spread of a charged battery (1 sigma).
 const SUPPLY_V: f64 = 12.0;
 const SUPPLY_SPREAD_V: f64 = 0.15;
 /// Least source resistance that counts, ohm: below it six motors at 0.5 A move the bus by less than 0.1 V.
 const LEAST_OHM: f64 = 0.03;
-/// Least share of lost set-points that counts: one in a hundred is a damaged frame now and then.
-const LEAST_LOSS: f64 = 0.015;
-
 /// Speed and slope of the angle that differ by more than this are no steady motion, rad/s.
 const STEADY_RAD_S: f64 = 0.08;
 
 /// Duty above which a driver may be at its limit.
 const FULL_DUTY: f64 = 0.95;
-
-/// What became of the set-points of a joint.
-#[derive(Debug, Clone, Copy, Default)]
-struct Way {
-    sent: f64,
-    lost: f64,
-    delay: f64,
-    delay2: f64,
-    arrived: f64,
-    /// Later than the first row that could show it.
-    late: f64,
-}
-
-/// Times and values at which a held signal changes.
-fn changes(track: &Track, least: f64) -> Vec<(f64, f64)> {
-    let mut out: Vec<(f64, f64)> = Vec::new();
-    for (t, v) in track.t_s.iter().zip(&track.v) {
-        if out.last().is_none_or(|l| (l.1 - v).abs() > least) {
-            out.push((*t, *v));
-        }
-    }
-    out
-}
-
-/// Follows every sent value to the row in which it is applied; a value that a later one overtakes is lost.
-fn follow(sent: &Track, applied: &Track, row_s: f64, out: &mut Way) {
-    const EXACT_RAD: f64 = 2e-5;
-    // Longer than any delay that a gait survives.
-    const LONGEST_S: f64 = 0.4;
-    let arrived = changes(applied, 0.0);
-    let mut from = 0;
-    for (t, v) in changes(sent, 10.0 * EXACT_RAD) {
-        if t + LONGEST_S > applied.t_s[applied.t_s.len() - 1] {
-            break;
-        }
-        while from < arrived.len() && arrived[from].0 < t {
-            from += 1;
-        }
-        out.sent += 1.0;
-        let hit = arrived[from..]
-            .iter()
-            .take_while(|a| a.0 <= t + LONGEST_S)
-            .find(|a| (a.1 - v).abs() <= EXACT_RAD);
-        match hit {
-            Some(a) => {
-                out.arrived += 1.0;
-                out.delay += a.0 - t;
-                out.delay2 += (a.0 - t).powi(2);
-                out.late += f64::from(u8::from(a.0 - t > 1.6 * row_s));
-            }
-            None => out.lost += 1.0,
-        }
-    }
-}
 
 pub(super) fn exact(value: f64, half: f64) -> Estimate {
     Estimate {
@@ -102,60 +49,38 @@ pub(super) fn exact(value: f64, half: f64) -> Estimate {
     }
 }
 
-/// Loss and jitter of joint `k`, from set-points sent and applied; whether either was found.
-fn transport(data: &Data, k: usize, conventions: &Conventions, out: &mut Vec<Reading>) -> bool {
-    let mut way = Way::default();
-    let mut row_s = Vec::new();
-    for run in &data.runs {
-        let sent = run.joints[conventions.order[k]].command.as_ref();
-        if let (Some(s), Some(a)) = (sent, run.joints[k].applied.as_ref()) {
-            row_s.push(a.period_s());
-            follow(s, a, a.period_s(), &mut way);
-        }
-    }
-    // Values that mostly never appear have been changed on the way (rounded, scaled): nothing can be followed.
-    if way.sent < 50.0 || way.arrived < 0.3 * way.sent {
-        return false;
-    }
-    let row = math::median(&row_s);
-    let loss = way.lost / way.sent;
-    let mean = way.delay / way.arrived;
-    let deviation = (way.delay2 / way.arrived - mean * mean).max(0.0).sqrt();
-    let mut found = false;
-    if loss > LEAST_LOSS {
-        let half = 1.96 * (loss * (1.0 - loss) / way.sent).sqrt();
-        out.push(Reading {
-            effect: Effect::PacketLoss,
-            joint: Some(k),
-            key: "probability",
-            estimate: exact(loss, half),
-            gain: (loss / LEAST_LOSS).powi(2).min(1e3),
-        });
-        found = true;
-    }
-    // Some late and some not; a few that are late beside losses are values that came twice.
-    let late = way.late / way.arrived;
-    if deviation > 0.2 * row && (0.08..0.97).contains(&late) {
-        // The extra delay is half a normal distribution: its deviation is 0.603 sigma; rows add a uniform error.
-        let sigma = (deviation * deviation - row * row / 12.0)
-            .max(0.04 * row * row)
-            .sqrt()
-            / 0.603;
-        out.push(Reading {
-            effect: Effect::Jitter,
-            joint: Some(k),
-            key: "sigma_s",
-            estimate: exact(sigma, 1.96 * sigma / way.arrived.sqrt() + 0.1 * row),
-            gain: (deviation / (0.2 * row)).powi(2).min(1e3),
-        });
-        found = true;
-    }
-    found
+/// Sums of the motor's voltage equation over one gait.
+#[derive(Debug, Clone, Copy, Default)]
+struct Volts {
+    /// Instruments (rows) times current and speed.
+    a: [f64; 4],
+    /// Instruments times voltage.
+    b: [f64; 2],
 }
 
-/// Torque constant and resistance over nominal from `duty V = R i + k n w`, by gait; empty when not measured.
-fn windings(data: &Data, k: usize) -> Vec<[f64; 2]> {
-    let mut sums = vec![([0.0; 4], [0.0; 2]); data.gaits.len()];
+impl Volts {
+    fn add(&mut self, other: &Self) {
+        self.a.iter_mut().zip(&other.a).for_each(|(x, y)| *x += y);
+        self.b.iter_mut().zip(&other.b).for_each(|(x, y)| *x += y);
+    }
+
+    /// Torque constant and resistance of joint `k` over nominal.
+    fn ratios(&self, k: usize) -> Option<[f64; 2]> {
+        let [a, b, c, d] = self.a;
+        let det = a * d - b * c;
+        let ohm = (d * self.b[0] - b * self.b[1]) / det;
+        let volt_s = (a * self.b[1] - c * self.b[0]) / det;
+        (ohm.is_finite() && volt_s.is_finite())
+            .then(|| [volt_s / nm_per_a(k), ohm / winding_ohm(k)])
+    }
+}
+
+/// Sums of `duty V = R i + k n w` at steady speed, by gait.
+///
+/// Current and speed are noisy, which would pull a plain regression towards zero: the neighbouring samples of the current and the slope
+/// of the angle, whose noise is their own, stand in for them (instrumental variables).
+fn volts(data: &Data, k: usize) -> Vec<Volts> {
+    let mut sums = vec![Volts::default(); data.gaits.len()];
     for run in &data.runs {
         let j = &run.joints[k];
         let (Some(i), Some(d), Some(q), Some(bus)) = (
@@ -167,45 +92,60 @@ fn windings(data: &Data, k: usize) -> Vec<[f64; 2]> {
             continue;
         };
         let half_s = (1.6 * q.period_s()).max(0.02);
-        for (t, amp) in i.t_s.iter().zip(&i.v) {
-            let Some((_, slope)) = q.line(*t, half_s) else {
+        for (n, (t, amp)) in i.t_s.iter().zip(&i.v).enumerate() {
+            let beside = (i.v.get(n.wrapping_sub(1)), i.v.get(n + 1));
+            let (Some((_, slope)), (Some(before), Some(after))) = (q.line(*t, half_s), beside)
+            else {
                 continue;
             };
             let w = j.velocity.as_ref().map_or(slope, |v| v.at(*t));
-            // Where the speed jumps, samples of one row do not belong to one instant.
-            if (w - slope).abs() > STEADY_RAD_S {
-                continue;
-            }
-            // At full duty the voltage is what there is, not what the motor takes.
-            if d.at(*t).abs() > FULL_DUTY {
+            // Where the speed jumps, samples of one row do not belong to one instant; at full duty the voltage is what there is, not
+            // what the motor takes.
+            if (w - slope).abs() > STEADY_RAD_S || d.at(*t).abs() > FULL_DUTY {
                 continue;
             }
             let volt = d.at(*t) * bus.at(*t);
-            let (a, b) = &mut sums[run.gait];
-            let x = [*amp, w];
-            for m in 0..2 {
-                b[m] += x[m] * volt;
-                for n in 0..2 {
-                    a[2 * m + n] += x[m] * x[n];
-                }
-            }
+            let near = 0.5 * (before + after);
+            sums[run.gait].add(&Volts {
+                a: [near * amp, near * w, slope * amp, slope * w],
+                b: [near * volt, slope * volt],
+            });
         }
     }
-    sums.iter()
-        .filter(|s| s.0[0] > 0.0 && s.0[3] > 0.0)
-        .map(|(a, b)| {
-            let x = solve(a, b);
-            [x[1] / nm_per_a(k), x[0] / winding_ohm(k)]
-        })
-        .collect()
+    sums.retain(|s| s.a[0] != 0.0 && s.a[3] > 0.0);
+    sums
+}
+
+/// Torque constant and resistance over nominal with their errors (jackknife over gaits); `None` when not measured.
+fn windings(data: &Data, k: usize) -> Option<[(f64, f64); 2]> {
+    let sums = volts(data, k);
+    let without = |left_out: Option<usize>| {
+        let mut all = Volts::default();
+        let kept = sums.iter().enumerate().filter(|s| Some(s.0) != left_out);
+        kept.for_each(|s| all.add(s.1));
+        all.ratios(k)
+    };
+    let whole = without(None)?;
+    let n = sums.len() as f64;
+    let each: Vec<[f64; 2]> = (0..sums.len()).filter_map(|g| without(Some(g))).collect();
+    let one = |what: usize| {
+        let square: f64 = each.iter().map(|e| (e[what] - whole[what]).powi(2)).sum();
+        // One gait alone says nothing about its error.
+        let error = if n < 2.0 {
+            1.0
+        } else {
+            ((n - 1.0) / n * square).sqrt()
+        };
+        (whole[what], error)
+    };
+    Some([one(0), one(1)])
 }
 
 /// Motors against their type and against each other.
 fn motors(data: &Data, conventions: &mut Conventions, out: &mut Vec<Reading>) {
-    let all: Vec<Vec<[f64; 2]>> = (0..JOINTS).map(|k| windings(data, k)).collect();
+    let all: Vec<Option<[(f64, f64); 2]>> = (0..JOINTS).map(|k| windings(data, k)).collect();
     for (what, effect) in [(0, Effect::MotorConstant), (1, Effect::WindingResistance)] {
-        let one = |v: &Vec<[f64; 2]>| math::median(&v.iter().map(|x| x[what]).collect::<Vec<_>>());
-        let known: Vec<f64> = all.iter().filter(|v| !v.is_empty()).map(one).collect();
+        let known: Vec<f64> = all.iter().flatten().map(|v| v[what].0).collect();
         // Other motors than the catalogue's: then they are only compared with each other.
         let common = math::median(&known);
         let typical = if (0.9..1.1).contains(&common) {
@@ -213,24 +153,22 @@ fn motors(data: &Data, conventions: &mut Conventions, out: &mut Vec<Reading>) {
         } else {
             common
         };
-        for (k, v) in all.iter().enumerate().filter(|x| !x.1.is_empty()) {
-            let ratio = one(v) / typical;
-            let spread = math::rms(
-                &v.iter()
-                    .map(|x| x[what] / typical - ratio)
-                    .collect::<Vec<_>>(),
-            );
-            let error = spread / (v.len() as f64).sqrt();
+        for (k, v) in all.iter().enumerate().filter_map(|(k, v)| Some((k, (*v)?))) {
+            let (ratio, error) = (v[what].0 / typical, v[what].1 / typical);
             if what == 0 {
-                conventions.per_ampere[k] = one(v);
+                // Weighed against the type: a joint that hardly turns says little of its motor.
+                let [own, prior] = [error.max(1e-3), MOTOR[0]].map(|e| 1.0 / (e * e));
+                let off = (ratio - 1.0).abs() > BEYOND * prior.recip().sqrt().hypot(ERRORS * error);
+                let weighed = (own * ratio + prior) / (own + prior);
+                conventions.per_ampere[k] = typical * if off { ratio } else { weighed };
             }
-            if (ratio - 1.0).abs() > 3.0 * MOTOR[what].hypot(error) {
+            if (ratio - 1.0).abs() > BEYOND * MOTOR[what].hypot(ERRORS * error) {
                 out.push(Reading {
                     effect,
                     joint: Some(k),
                     key: "ratio",
                     estimate: exact(ratio, 1.96 * error),
-                    gain: ((ratio - 1.0) / MOTOR[what]).powi(2).min(1e3),
+                    gain: ((ratio - 1.0) / MOTOR[what].hypot(error)).powi(2).min(1e3),
                 });
             }
         }
@@ -325,9 +263,7 @@ pub(super) fn read(
     withhold: &[Effect],
 ) -> Vec<Reading> {
     let mut out = Vec::new();
-    for k in 0..JOINTS {
-        conventions.uneven[k] = transport(data, k, conventions, &mut out);
-    }
+    echo::read(data, conventions, withhold, &mut out);
     motors(data, conventions, &mut out);
     if let Some(volt) = supply(data, &mut out) {
         for k in 0..JOINTS {

@@ -1,22 +1,21 @@
 //! The joint tier: each joint cut out by measured signals and fitted alone.
 
 use files::model::{Key, Model};
+use rayon::prelude::*;
 
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
-use super::search::{Answer, Candidate, Coordinate, Evaluate, Limits, Search};
+use super::joint_library::{TIMING_S, candidates, coordinates};
+use super::search::{Answer, Coordinate, Evaluate, Fit, Limits, Search};
 use super::servo::{self, J, JointRun, Nominal, Trace};
 use crate::math;
 use crate::vocabulary::Effect;
 
 /// Joints between cubes; the others sit inside one.
-const INTER: [usize; 2] = [1, 4];
-/// Speed lost per torque that a real drive may have without being called an effect, rad/s per N m (1 sigma): Table II's servo
-/// has none; a drive with a speed loop of about 50 Hz on the reflected rotor loses 0.03.
-const DROOP: f64 = 0.05;
-/// Set-point timing that recordings leave open, s (1 sigma).
-const TIMING_S: f64 = 0.002;
-/// Error that two honest simulators of one servo may have, as a share of the angle's spread.
+pub(super) const INTER: [usize; 2] = [1, 4];
+/// The same where an echo shows set-points in force at once: a tick of the driver.
+const ECHO_S: f64 = 0.0007;
+/// Largest error that two honest simulators of one servo may have, as a share of the angle's spread; see [`calibrate`].
 const MODEL_ERROR: f64 = 0.003;
 /// Least tolerance of an angle, rad: the resolution of small encoders.
 const LEAST_RAD: f64 = 3.0e-4;
@@ -37,6 +36,9 @@ pub(super) struct Tier {
     weight: [f64; 3],
     /// Tolerance of the angle, rad.
     pub(super) tolerance_rad: f64,
+    /// The part of it that no model has a share in, and the spread of the angle, rad.
+    noise_rad: f64,
+    spread_rad: f64,
     /// Repeats' spread of the angle, rad; NaN without repeats.
     pub(super) repeat_rad: f64,
     /// Torque is compared.
@@ -89,18 +91,13 @@ pub(super) fn prepare(
 ) -> Option<JointRun> {
     let tracks = &run.joints[k];
     let sent = run.joints[conventions.order[k]].command.as_ref();
-    // Applied set-points are known to a row only; they are taken where sent ones get lost or come unevenly.
-    let applied = tracks.applied.as_ref();
-    let command = if conventions.uneven[k] {
-        applied.or(sent)?
-    } else {
-        sent.or(applied)?
-    };
+    let applied = run.joints[conventions.order[k]].applied.as_ref();
+    let command = conventions.echo[k].command(sent, applied)?;
     let current = tracks.current.as_ref().map(|c| scaled(c, nominal.nm_per_a));
     let effort = tracks.effort.as_ref().or(current.as_ref());
     let position = tracks.position.as_ref()?;
     Some(JointRun::new(
-        command,
+        &command,
         position,
         tracks.link.as_ref(),
         effort,
@@ -136,6 +133,25 @@ fn noise(track: &Track) -> f64 {
         .map(|w| (w[0] - 2.0 * w[1] + w[2]).abs())
         .collect();
     math::median(&d) / (0.6745 * 6.0_f64.sqrt())
+}
+
+/// Error of the angle from set-points that are known to a row only, rad: uniform over the row, at a typical speed, and
+/// smoothed over two set-points by the servo.
+fn timing_rad(runs: &[JointRun], data: &Data, k: usize, conventions: &Conventions) -> f64 {
+    let address = conventions.order[k];
+    let rows = data
+        .runs
+        .iter()
+        .filter_map(|r| r.joints[address].applied.as_ref());
+    let Some(row_s) = rows
+        .map(Track::period_s)
+        .next()
+        .filter(|_| conventions.echo[k].uneven)
+    else {
+        return 0.0;
+    };
+    let speeds: Vec<f64> = runs.iter().map(JointRun::busy_rad_s).collect();
+    row_s / 12.0_f64.sqrt() * 0.5 * math::median(&speeds)
 }
 
 fn spread(v: &[f64]) -> f64 {
@@ -206,15 +222,15 @@ impl Tier {
             .map(noise)
             .collect();
         let repeat_rad = repeat_spread(data, k);
+        // Second differences of few samples hold the motion too; repeats hold the noise alone.
         let floor = if repeat_rad.is_finite() {
             repeat_rad
         } else {
-            0.0
+            math::median(&fast)
         };
-        let tolerance_rad = floor
-            .max(math::median(&fast))
-            .hypot(MODEL_ERROR * spread(&position))
-            .max(LEAST_RAD);
+        let noise_rad = floor.hypot(timing_rad(&runs, data, k, conventions));
+        let spread_rad = spread(&position);
+        let tolerance_rad = noise_rad.hypot(MODEL_ERROR * spread_rad).max(LEAST_RAD);
         let torque: Vec<f64> = runs.iter().flat_map(|r| servo::values(&r.effort)).collect();
         let twist: Vec<f64> = runs.iter().flat_map(|r| servo::values(&r.twist)).collect();
         let weight = [
@@ -238,10 +254,12 @@ impl Tier {
             runs,
             weight,
             tolerance_rad,
+            noise_rad,
+            spread_rad,
             repeat_rad,
             torque: !torque.is_empty(),
             ampere: !data.has(k, |j| j.effort.is_some()),
-            applied: conventions.uneven[k] || !data.has(k, |j| j.command.is_some()),
+            applied: conventions.echo[k].uneven || !data.has(k, |j| j.command.is_some()),
         })
     }
 
@@ -274,6 +292,11 @@ impl Tier {
             }
         }
         (xx > 0.0).then(|| (yy / xx).sqrt())
+    }
+
+    /// Whether the link was measured.
+    pub(super) fn has_link(&self) -> bool {
+        self.weight[2] > 0.0
     }
 
     /// Tolerance of torques, N m.
@@ -310,206 +333,6 @@ impl Evaluate for Tier {
     }
 }
 
-fn coordinate(neutral: f64, sigma: f64, step: f64, range: [f64; 2]) -> Coordinate {
-    Coordinate {
-        neutral,
-        sigma,
-        step,
-        range,
-    }
-}
-
-/// The coordinates of joint `k` with the tolerances of `model` as priors.
-pub(super) fn coordinates(model: &Model, k: usize, applied: bool, ampere: bool) -> Vec<Coordinate> {
-    let keys = if INTER.contains(&k) {
-        [
-            Key::InterGain,
-            Key::InterSpeed,
-            Key::InterTorque,
-            Key::InterDamping,
-        ]
-    } else {
-        [
-            Key::IntraGain,
-            Key::IntraSpeed,
-            Key::IntraTorque,
-            Key::IntraDamping,
-        ]
-    };
-    let relative = |key: Key| {
-        let p = model.parameter(key);
-        (p.tolerance / p.value.max(1e-9)).clamp(1e-3, 1.0)
-    };
-    let damping = model.parameter(keys[3]);
-    let timing = if applied { 3.0 * TIMING_S } else { TIMING_S };
-    let mut out = vec![coordinate(0.0, 0.0, 0.01, [0.0, 100.0]); J::COUNT];
-    let mut set = |j: J, c: Coordinate| out[j as usize] = c;
-    let ratio = [0.02, 50.0];
-    set(J::Gain, coordinate(1.0, relative(keys[0]), 0.02, ratio));
-    set(J::MaxSpeed, coordinate(1.0, relative(keys[1]), 0.02, ratio));
-    set(
-        J::MaxTorque,
-        coordinate(1.0, relative(keys[2]), 0.02, ratio),
-    );
-    set(
-        J::Viscous,
-        coordinate(
-            damping.value,
-            damping.tolerance.max(1e-3),
-            0.02,
-            [0.0, 50.0],
-        ),
-    );
-    set(J::Droop, coordinate(0.0, DROOP, 0.004, [0.0, 2.0]));
-    set(J::Delay, coordinate(0.0, timing, 0.002, [-0.05, 3.0]));
-    set(J::Skew, coordinate(1.0, 0.0, 2e-4, [0.5, 2.0]));
-    set(J::Scale, coordinate(1.0, 0.0, 0.005, [-200.0, 200.0]));
-    set(J::Offset, coordinate(0.0, 0.0, 0.002, [-7.0, 7.0]));
-    set(J::Quantum, coordinate(0.0, 0.0, 0.001, [0.0, 1.0]));
-    set(J::DeadHard, coordinate(0.0, 0.0, 0.002, [0.0, 1.0]));
-    set(J::DeadSoft, coordinate(0.0, 0.0, 0.001, [0.0, 1.0]));
-    set(J::Slew, coordinate(0.0, 0.0, 0.02, [0.0, 100.0]));
-    set(J::FeedbackDelay, coordinate(0.0, 0.0, 0.003, [0.0, 0.5]));
-    set(J::Lag, coordinate(0.0, 0.0, 0.003, [0.0, 5.0]));
-    set(J::Coulomb, coordinate(0.0, 0.0, 0.03, [0.0, 20.0]));
-    set(J::Static, coordinate(0.0, 0.0, 0.03, [0.0, 20.0]));
-    set(J::StribeckSpeed, coordinate(0.05, 0.0, 0.005, [0.002, 5.0]));
-    set(J::LoadShare, coordinate(0.0, 0.0, 0.02, [0.0, 0.95]));
-    set(J::Asymmetry, coordinate(0.0, 0.0, 0.03, [-20.0, 20.0]));
-    set(
-        J::AsymmetryViscous,
-        coordinate(0.0, 0.0, 0.03, [-20.0, 20.0]),
-    );
-    set(J::Quadratic, coordinate(0.0, 0.0, 0.02, [0.0, 20.0]));
-    set(J::RippleSin, coordinate(0.0, 0.0, 0.02, [-20.0, 20.0]));
-    set(J::RippleCos, coordinate(0.0, 0.0, 0.02, [-20.0, 20.0]));
-    set(J::RipplePeriods, coordinate(1.0, 0.0, 0.02, [0.2, 500.0]));
-    // Several contacts share a load in more than one way, so a replayed load is a guess of its share.
-    set(J::Load, coordinate(1.0, 0.3, 0.03, [-5.0, 20.0]));
-    set(J::Play, coordinate(0.0, 0.0, 0.001, [0.0, 1.0]));
-    set(J::Flex, coordinate(0.0, 0.0, 0.001, [0.0, 10.0]));
-    // Motor constants of one type vary by some per cent; see `direct` for larger differences.
-    set(
-        J::PerAmpere,
-        coordinate(1.0, if ampere { 0.03 } else { 0.0 }, 0.02, ratio),
-    );
-    out
-}
-
-fn grid(from: f64, ratio: f64, count: u32) -> Vec<f64> {
-    (0..count)
-        .map(|i| from * libm::pow(ratio, f64::from(i)))
-        .collect()
-}
-
-fn one(effect: Effect, joint: usize, j: J, starts: &[f64]) -> Candidate {
-    many(
-        effect,
-        joint,
-        &[j],
-        &starts.iter().map(|s| vec![*s]).collect::<Vec<_>>(),
-    )
-}
-
-fn many(effect: Effect, joint: usize, free: &[J], starts: &[Vec<f64>]) -> Candidate {
-    Candidate {
-        effect,
-        joint: Some(joint),
-        free: free.iter().map(|j| *j as usize).collect(),
-        starts: starts.to_vec(),
-    }
-}
-
-/// Everything that may be added to joint `tier.joint`.
-pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidate> {
-    let k = tier.joint;
-    let n = tier.nominal;
-    let slope = conventions.slope[k].unwrap_or(1.0);
-    let offset = conventions.offset_rad[k];
-    let speed = math::median(
-        &tier
-            .runs
-            .iter()
-            .map(JointRun::busy_rad_s)
-            .collect::<Vec<_>>(),
-    );
-    let fraction = (speed / n.max_speed_rad_s).clamp(0.05, 1.0);
-    let mut out = vec![
-        one(Effect::JointScale, k, J::Scale, &[slope, 0.95, 1.05]),
-        one(Effect::JointOffset, k, J::Offset, &[offset, 0.02, -0.02]),
-        one(Effect::LoopGain, k, J::Gain, &[0.4, 0.7, 1.4, 2.5]),
-        one(Effect::Deadband, k, J::DeadHard, &[0.01, 0.03, 0.08]),
-        one(Effect::Deadband, k, J::DeadSoft, &[0.005, 0.02, 0.06]),
-        one(
-            Effect::VelocityLimit,
-            k,
-            J::MaxSpeed,
-            &[0.9 * fraction, 0.7 * fraction, 0.4 * fraction, 1.5],
-        ),
-        one(
-            Effect::VelocityLimit,
-            k,
-            J::Slew,
-            &[0.9 * speed, 0.6 * speed, 0.3 * speed],
-        ),
-        one(
-            Effect::FeedbackDelay,
-            k,
-            J::FeedbackDelay,
-            &[0.02, 0.05, 0.1],
-        ),
-        one(Effect::MotorLag, k, J::Lag, &[0.02, 0.05, 0.15]),
-        one(Effect::TorqueLimit, k, J::MaxTorque, &grid(0.06, 1.12, 24)),
-        one(Effect::CurrentLimit, k, J::MaxTorque, &grid(0.06, 1.12, 24)),
-        one(Effect::CoulombFriction, k, J::Coulomb, &[0.1, 0.4, 1.0]),
-        one(Effect::ViscousFriction, k, J::Viscous, &[0.2, 0.6, 1.5]),
-        one(Effect::LoadDependentFriction, k, J::LoadShare, &[0.1, 0.3]),
-        one(Effect::QuadraticFriction, k, J::Quadratic, &[0.2, 1.0]),
-        many(
-            Effect::StribeckFriction,
-            k,
-            &[J::Static, J::StribeckSpeed],
-            &[vec![0.3, 0.05], vec![0.3, 0.2], vec![0.8, 0.05]],
-        ),
-        many(
-            Effect::AsymmetricFriction,
-            k,
-            &[J::Asymmetry, J::AsymmetryViscous, J::Coulomb],
-            &[vec![0.3, 0.0, 0.15], vec![-0.3, 0.0, 0.15]],
-        ),
-    ];
-    let mut ripple = Vec::new();
-    for periods in [
-        1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 24.0,
-    ] {
-        ripple.push(vec![0.15, 0.0, periods]);
-        ripple.push(vec![0.0, 0.15, periods]);
-    }
-    let free = [J::RippleSin, J::RippleCos, J::RipplePeriods];
-    out.push(many(Effect::TorqueRipple, k, &free, &ripple));
-    if !tier.applied {
-        out.push(one(Effect::Latency, k, J::Delay, &[0.01, 0.03, 0.08, 0.2]));
-        out.push(one(
-            Effect::ClockSkew,
-            k,
-            J::Skew,
-            &[0.999, 1.001, 0.99, 1.01],
-        ));
-        // Steps of other sizes fall out of time after a few; 4 % apart one start is always near enough.
-        out.push(one(
-            Effect::Quantisation,
-            k,
-            J::Quantum,
-            &grid(0.004, 1.04, 96),
-        ));
-    }
-    if tier.weight[2] > 0.0 {
-        out.push(one(Effect::Backlash, k, J::Play, &[0.005, 0.02]));
-        out.push(one(Effect::Compliance, k, J::Flex, &[0.002, 0.01, 0.04]));
-    }
-    out
-}
-
 /// What was found about one joint.
 pub(super) struct Found {
     pub(super) tier: Tier,
@@ -534,8 +357,65 @@ fn limits(tier: &Tier) -> Limits {
         most: 4,
         beyond: 3.0,
         refined: 6,
-        iterations: 4,
+        iterations: 8,
     }
+}
+
+/// Sets the tolerances of the angles from what the calibrated nominal model leaves: the share of a joint's motion that it leaves in most
+/// joints is the error of the model; an effect sits in few.
+pub(super) fn calibrate(tiers: &mut [Tier], model: &Model, conventions: &Conventions) {
+    // Of six joints the third best: three may have an effect.
+    const MOST: f64 = 0.4;
+    // The error of one joint beside another's.
+    const ROOM: f64 = 1.5;
+    let left = |tier: &Tier| {
+        let (coordinates, nominal) = start(tier, model, conventions);
+        let search = Search {
+            model: tier,
+            coordinates: &coordinates,
+            candidates: &[],
+            limits: limits(tier),
+        };
+        let base = search.fit(&nominal, &[], 4);
+        let mut trace = Trace::default();
+        let mut errors = Vec::new();
+        for run in &tier.runs {
+            servo::simulate(run, &tier.nominal, &base.theta, &mut trace);
+            errors.extend(servo::errors(&trace.position, &run.position).map(f64::abs));
+        }
+        // Four fifths of normal errors lie within 1.282 standard deviations.
+        math::quantile(&errors, 0.8) / 1.282 / tier.spread_rad.max(1e-3)
+    };
+    let shares: Vec<f64> = tiers.par_iter().map(left).collect();
+    let share = ROOM * math::quantile(&shares, MOST);
+    for tier in tiers {
+        tier.tolerance_rad = tier
+            .noise_rad
+            .hypot(share.min(MODEL_ERROR) * tier.spread_rad)
+            .max(LEAST_RAD);
+        tier.weight[0] = 1.0 / tier.tolerance_rad;
+        if tier.weight[2] > 0.0 {
+            tier.weight[2] = 1.0 / (2.0_f64.sqrt() * tier.tolerance_rad);
+        }
+    }
+}
+
+/// Coordinates of a joint and where they start.
+fn start(tier: &Tier, model: &Model, conventions: &Conventions) -> (Vec<Coordinate>, Vec<f64>) {
+    let mut coordinates = coordinates(model, tier.joint, tier.applied, tier.torque && tier.ampere);
+    let per_ampere = conventions.per_ampere[tier.joint];
+    coordinates[J::PerAmpere as usize].neutral = per_ampere;
+    if conventions.echo[tier.joint]
+        .late_s
+        .is_some_and(|l| l[1] <= 0.0)
+    {
+        coordinates[J::Delay as usize].sigma = ECHO_S;
+    }
+    if conventions.slope[tier.joint].is_some_and(|s| s < 0.0) {
+        coordinates[J::Scale as usize].neutral = -1.0;
+    }
+    let nominal = coordinates.iter().map(|c| c.neutral).collect();
+    (coordinates, nominal)
 }
 
 /// Diagnoses one joint.
@@ -545,19 +425,10 @@ pub(super) fn diagnose(
     conventions: &Conventions,
     withhold: &[Effect],
 ) -> Found {
-    let coordinates = coordinates(model, tier.joint, tier.applied, tier.torque && tier.ampere);
-    let per_ampere = conventions.per_ampere[tier.joint];
+    let (coordinates, nominal) = start(&tier, model, conventions);
     let mut candidates = candidates(&tier, conventions);
     candidates.retain(|c| !withhold.contains(&c.effect));
     let limits = limits(&tier);
-    let mut nominal: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
-    let mut coordinates = coordinates;
-    nominal[J::PerAmpere as usize] = per_ampere;
-    coordinates[J::PerAmpere as usize].neutral = per_ampere;
-    if conventions.slope[tier.joint].is_some_and(|s| s < 0.0) {
-        nominal[J::Scale as usize] = -1.0;
-        coordinates[J::Scale as usize].neutral = -1.0;
-    }
     let base = {
         let search = Search {
             model: &tier,
@@ -575,6 +446,31 @@ pub(super) fn diagnose(
         limits,
     };
     let base = search.fit(&base.theta, &[], 3);
-    let answer = search.answer(base, nominal);
+    let sure = late(&search, &base, conventions.echo[tier.joint].late_s);
+    let answer = search.answer_with(base, nominal, sure);
     Found { answer, tier }
+}
+
+/// The latency that the echo shows to a row, and the angle to a millisecond; `None` without one.
+fn late(search: &Search<'_, Tier>, base: &Fit, late_s: Option<[f64; 2]>) -> Option<Fit> {
+    let [low, high] = late_s.filter(|l| l[1] > 0.0)?;
+    let c = search
+        .candidates
+        .iter()
+        .position(|c| c.effect == Effect::Latency)?;
+    let mut theta = base.theta.clone();
+    theta[J::Delay as usize] = 0.5 * (low + high);
+    let fit = search.fit(&theta, &[c], 6);
+    // A clock that is slightly off delays too, on average.
+    let clock = search
+        .candidates
+        .iter()
+        .position(|c| c.effect == Effect::ClockSkew);
+    if clock.is_some_and(|c| search.fit(&base.theta, &[c], 6).cost < fit.cost) {
+        return None;
+    }
+    let delay = fit.theta[J::Delay as usize];
+    // An echo that is itself a row old shows a delay that the angle does not.
+    let margin = 2.0 * TIMING_S;
+    (delay > 1.5 * TIMING_S && (low - margin..high + margin).contains(&delay)).then_some(fit)
 }

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::data::{Data, JOINTS};
+use super::echo::Echo;
 use super::servo::{self, J, JointRun, Nominal, Trace};
 use super::{body, camera, joints};
 use crate::math;
@@ -83,6 +84,7 @@ impl Score {
     ) -> Self {
         let plain = super::Conventions {
             order: std::array::from_fn(|k| k),
+            echo: [Echo::NEUTRAL; JOINTS],
             ..conventions.clone()
         };
         let of = |f: &joints::Found| {

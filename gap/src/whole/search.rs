@@ -337,9 +337,11 @@ impl<E: Evaluate> Search<'_, E> {
         out
     }
 
-    /// Forward selection, then backward pruning.
-    pub(super) fn run(&self, base: Fit) -> Vec<Fit> {
+    /// Forward selection, then backward pruning of all but the members of `sure`.
+    fn run(&self, base: Fit, sure: Option<Fit>) -> Vec<Fit> {
+        let kept = sure.as_ref().map_or_else(Vec::new, |s| s.members.clone());
         let mut steps = vec![base];
+        steps.extend(sure);
         while let Some(next) = self.forward(&steps[steps.len() - 1], steps[0].held_out) {
             // Everything settles before a further effect is looked at.
             let settled = self.fit(&next.theta, &next.members, 2 * self.limits.iterations);
@@ -348,7 +350,7 @@ impl<E: Evaluate> Search<'_, E> {
                 break;
             }
         }
-        while let Some(next) = self.backward(&steps[steps.len() - 1]) {
+        while let Some(next) = self.backward(&steps[steps.len() - 1], &kept) {
             steps.push(next);
         }
         steps
@@ -356,20 +358,30 @@ impl<E: Evaluate> Search<'_, E> {
 
     /// Selection, rivals, and every effect alone and removed.
     pub(super) fn answer(&self, base: Fit, nominal: Vec<f64>) -> Answer {
-        let mut steps = self.run(base);
-        let rivals_of = |fit: &Fit| -> Vec<Vec<Rival>> {
-            fit.members
-                .iter()
-                .map(|m| self.rivals(fit, *m, 3))
-                .collect()
+        self.answer_with(base, nominal, None)
+    }
+
+    /// The same with a fit whose members other evidence has shown.
+    pub(super) fn answer_with(&self, base: Fit, nominal: Vec<f64>, sure: Option<Fit>) -> Answer {
+        let shown = sure.as_ref().map_or_else(Vec::new, |s| s.members.clone());
+        let mut steps = self.run(base, sure);
+        // What other evidence has shown has no rivals.
+        let own = |fit: &Fit, m: usize| {
+            if shown.contains(&m) {
+                Vec::new()
+            } else {
+                self.rivals(fit, m, 3)
+            }
         };
+        let rivals_of =
+            |fit: &Fit| -> Vec<Vec<Rival>> { fit.members.iter().map(|m| own(fit, *m)).collect() };
         let mut rivals = rivals_of(&steps[steps.len() - 1]);
         let last = &steps[steps.len() - 1];
         let better = rivals
             .iter()
             .flatten()
             .map(|r| &r.fit)
-            .filter(|f| last.held_out - f.held_out > self.threshold(last))
+            .filter(|f| last.held_out - f.held_out > self.threshold(last) || self.plainly(f, last))
             .min_by(|a, b| a.held_out.total_cmp(&b.held_out));
         if let Some(better) = better.cloned() {
             rivals = rivals_of(&better);
@@ -396,6 +408,13 @@ impl<E: Evaluate> Search<'_, E> {
             nominal_groups: group_costs(&self.model.residuals(&nominal)),
             nominal,
         }
+    }
+
+    /// Whether `fit` is much better than `other` without being larger: held-out costs are taken to first order only.
+    fn plainly(&self, fit: &Fit, other: &Fit) -> bool {
+        const PLAINLY: f64 = 0.7;
+        let size = |f: &Fit| self.free(&f.members).len();
+        fit.cost < PLAINLY * other.cost && size(fit) <= size(other)
     }
 
     fn forward(&self, base: &Fit, first: f64) -> Option<Fit> {
@@ -470,12 +489,12 @@ impl<E: Evaluate> Search<'_, E> {
     }
 
     /// The fit without the member that is missed least, if it is missed less than the threshold.
-    fn backward(&self, full: &Fit) -> Option<Fit> {
+    fn backward(&self, full: &Fit, kept: &[usize]) -> Option<Fit> {
         if full.members.len() < 2 {
             return None;
         }
         let mut best: Option<Fit> = None;
-        for m in &full.members {
+        for m in full.members.iter().filter(|m| !kept.contains(m)) {
             let fit = self.without(full, *m);
             let least = self.threshold(&fit);
             if fit.held_out - full.held_out < least

@@ -143,12 +143,21 @@ impl DriveState {
 
     /// One driver tick: the speed asked for.
     pub(super) fn tick(&mut self, p: &DriveParams) {
-        let late = libm::round(p.servo.feedback_delay_s / TICK_S) as usize;
+        // Between two ticks the encoder is taken on a straight line.
+        let late = p.servo.feedback_delay_s / TICK_S;
+        let ticks = libm::floor(late);
         self.seen.push_back(self.encoder_rad(p));
-        while self.seen.len() > late + 1 {
+        while self.seen.len() > ticks as usize + 2 {
             self.seen.pop_front();
         }
-        let seen = self.seen.front().copied().unwrap_or(self.motor.gear_rad);
+        let now = self.seen.back().copied().unwrap_or(self.motor.gear_rad);
+        let of = |back: usize| {
+            let place = self.seen.len().checked_sub(1 + back);
+            place.and_then(|i| self.seen.get(i)).or(self.seen.front())
+        };
+        let newer = of(ticks as usize).copied().unwrap_or(now);
+        let older = of(ticks as usize + 1).copied().unwrap_or(newer);
+        let seen = newer + (older - newer) * (late - ticks);
         let error = self.goal_rad - seen;
         let band = p.servo.deadband_rad;
         let error = error - error.clamp(-band, band);

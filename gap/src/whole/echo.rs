@@ -1,0 +1,487 @@
+//! Transport read off the set-points sent and applied: clock, rounding, loss, jitter, and the rows between which a delay lies.
+//!
+//! Every sent value is followed to the row in which it is applied. A drift of the delays that all joints share is the clock; values on
+//! one grid are rounded; delays that differ by more than neighbouring rows are jitter, whose size and the losses that it hides (a value
+//! that is replaced before a row sees it) come from playing the same traffic with known sizes.
+
+use super::conventions::Conventions;
+use super::data::{Data, JOINTS, Run, Track};
+use super::direct::{Reading, exact};
+use super::traffic::{BINS, CLEAR, bin, jitter};
+use crate::math;
+use crate::vocabulary::Effect;
+
+/// What is known of the way of one address's set-points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Echo {
+    /// Set-points get lost, come unevenly or are changed in a way nobody knows: what was applied is taken.
+    pub(super) uneven: bool,
+    /// Robot clock over the recording's.
+    pub(super) skew: f64,
+    /// Step that set-points are rounded to, rad; 0 = none.
+    pub(super) step_rad: f64,
+    /// Between which delays all set-points come, s; `None` where not measured or uneven.
+    pub(super) late_s: Option<[f64; 2]>,
+    /// Something happens on the way that no effect of the library explains.
+    pub(super) odd: bool,
+}
+
+impl Echo {
+    /// Nothing is known to happen.
+    pub(super) const NEUTRAL: Self = Self {
+        uneven: false,
+        skew: 1.0,
+        step_rad: 0.0,
+        late_s: None,
+        odd: false,
+    };
+
+    /// Set-points as they act: those sent, on the robot's clock and rounded, or those applied.
+    pub(super) fn command(&self, sent: Option<&Track>, applied: Option<&Track>) -> Option<Track> {
+        if self.uneven
+            && let Some(a) = applied
+        {
+            // A row shows what came at some time since the row before.
+            let half = 0.5 * a.period_s();
+            let mut out = a.clone();
+            out.t_s.iter_mut().for_each(|t| *t = (*t - half).max(0.0));
+            return Some(out);
+        }
+        let mut out = sent.or(applied)?.clone();
+        out.t_s.iter_mut().for_each(|t| *t /= self.skew);
+        if self.step_rad > 0.0
+            && let Some(a) = applied
+        {
+            let anchor = a.v[0];
+            out.v
+                .iter_mut()
+                .for_each(|v| *v = rounded(*v, anchor, self.step_rad));
+        }
+        Some(out)
+    }
+}
+
+/// Values are printed to 10 urad.
+const EXACT_RAD: f64 = 2e-5;
+/// Longer than any delay that a gait survives, s.
+const LONGEST_S: f64 = 0.4;
+/// Least share of lost set-points that counts: one in a hundred is a damaged frame now and then.
+const LEAST_LOSS: f64 = 0.015;
+/// Least step that counts as rounding, rad: twice the resolution of a 12-bit encoder.
+const LEAST_STEP_RAD: f64 = 3e-3;
+/// Least set-points followed.
+const LEAST_SENT: f64 = 50.0;
+/// Neighbouring values that must differ for a value to be followed.
+const NEIGHBOURS: usize = 8;
+/// Joints that must agree on a clock.
+const ONE_CLOCK: usize = 3;
+/// Share of set-points that come in another row than a constant delay says, up to which delays count as one.
+const STRAY: f64 = 0.004;
+/// Delays that are told apart within a row.
+const GRAINS: f64 = 20.0;
+/// Resolution of printed times, s.
+const TICK_S: f64 = 6e-4;
+
+fn rounded(v: f64, anchor: f64, step: f64) -> f64 {
+    anchor + ((v - anchor) / step).round() * step
+}
+
+/// Times and values at which a held signal changes.
+fn changes(track: &Track, least: f64) -> Vec<(f64, f64)> {
+    let mut out: Vec<(f64, f64)> = Vec::new();
+    for (t, v) in track.t_s.iter().zip(&track.v) {
+        if out.last().is_none_or(|l| (l.1 - v).abs() > least) {
+            out.push((*t, *v));
+        }
+    }
+    out
+}
+
+/// Distinct values of a held signal, sorted.
+fn levels(track: &Track) -> Vec<f64> {
+    let mut levels = track.v.clone();
+    levels.sort_by(f64::total_cmp);
+    levels.dedup_by(|a, b| (*a - *b).abs() < 2.0 * EXACT_RAD);
+    levels
+}
+
+/// The step of the grid that all applied values lie on and most of those sent do not; 0 without one, `None` where nothing moved.
+fn grid(sent: &Track, applied: &Track) -> Option<f64> {
+    let (given, seen) = (levels(sent), levels(applied));
+    if given.len() < 8 || seen.len() < 2 {
+        return None;
+    }
+    let gaps = seen.windows(2).map(|w| w[1] - w[0]);
+    let mut step = gaps.fold(f64::INFINITY, f64::min);
+    if step < LEAST_STEP_RAD {
+        return Some(0.0);
+    }
+    let mut index = 0.0;
+    for w in seen.windows(2) {
+        let count = ((w[1] - w[0]) / step).round();
+        index += count;
+        let place = w[1] - seen[0];
+        if (place - index * step).abs() > EXACT_RAD * (2.0 + count) {
+            return Some(0.0);
+        }
+        step = place / index;
+    }
+    let off = |v: &&f64| (rounded(**v, seen[0], step) - **v).abs() > 3.0 * EXACT_RAD;
+    Some(if 2 * given.iter().filter(off).count() > given.len() {
+        step
+    } else {
+        0.0
+    })
+}
+
+/// One set-point that was followed: sent at, and how much later it was seen; `None` = never.
+type Followed = (f64, Option<f64>);
+
+/// Follows every sent value that no neighbour shares.
+fn follow(sent: &Track, applied: &Track, step: f64) -> Vec<Followed> {
+    let arrived = changes(applied, 0.0);
+    let mut all = changes(sent, 0.0);
+    if step > 0.0 {
+        all.iter_mut()
+            .for_each(|s| s.1 = rounded(s.1, applied.v[0], step));
+        all.dedup_by(|b, a| (a.1 - b.1).abs() < EXACT_RAD);
+    }
+    let end = applied.t_s[applied.t_s.len() - 1] - LONGEST_S;
+    let mut out = Vec::new();
+    let (mut from, mut expected) = (0, 0.0);
+    for (i, (t, v)) in all.iter().enumerate() {
+        let near = &all[i.saturating_sub(NEIGHBOURS)..(i + NEIGHBOURS + 1).min(all.len())];
+        let same = near
+            .iter()
+            .filter(|n| (n.1 - v).abs() <= 5.0 * EXACT_RAD)
+            .count();
+        // The first value was in force before the recording began.
+        if i == 0 || same > 1 || t + expected > end {
+            continue;
+        }
+        let window = |a: &&(f64, f64)| (a.0 - t - expected).abs() <= LONGEST_S;
+        let hit = arrived[from..]
+            .iter()
+            .position(|a| window(&a) && (a.1 - v).abs() <= 2.0 * EXACT_RAD);
+        let delay = hit.map(|h| {
+            from += h;
+            arrived[from].0 - t
+        });
+        if let Some(d) = delay {
+            expected += 0.3 * (d - expected);
+        }
+        out.push((*t, delay));
+    }
+    out
+}
+
+/// Slope of delay over time, and its error; `None` with too few.
+fn drift(followed: &[Followed]) -> Option<f64> {
+    let hits: Vec<(f64, f64)> = followed.iter().filter_map(|f| Some((f.0, f.1?))).collect();
+    let n = hits.len() as f64;
+    if n < 20.0 {
+        return None;
+    }
+    let (mt, md) = (
+        hits.iter().map(|h| h.0).sum::<f64>() / n,
+        hits.iter().map(|h| h.1).sum::<f64>() / n,
+    );
+    let (mut xx, mut xy) = (0.0, 0.0);
+    for (t, d) in &hits {
+        xx += (t - mt) * (t - mt);
+        xy += (t - mt) * (d - md);
+    }
+    (xx > 1.0).then(|| xy / xx)
+}
+
+/// Sent and applied set-points of one address in one run.
+fn pair(run: &Run, address: usize) -> Option<(&Track, &Track)> {
+    let j = &run.joints[address];
+    Some((j.command.as_ref()?, j.applied.as_ref()?))
+}
+
+fn reading(
+    effect: Effect,
+    joint: Option<usize>,
+    key: &'static str,
+    value: f64,
+    half: f64,
+    gain: f64,
+) -> Reading {
+    Reading {
+        effect,
+        joint,
+        key,
+        estimate: exact(value, half),
+        gain: gain.min(1e3),
+    }
+}
+
+/// The best of constant delays.
+struct Constant {
+    /// Arrivals that it does not explain.
+    stray: f64,
+    /// Between which values it lies, s.
+    late_s: [f64; 2],
+}
+
+/// What one address showed.
+struct Address {
+    step_rad: f64,
+    row_s: f64,
+    spacing_s: f64,
+    /// Length of the longest run, s.
+    length_s: f64,
+    runs: Vec<Vec<Followed>>,
+}
+
+impl Address {
+    fn new(data: &Data, address: usize, rounding: bool) -> Option<Self> {
+        let pairs: Vec<(&Track, &Track)> =
+            data.runs.iter().filter_map(|r| pair(r, address)).collect();
+        let first = pairs.first()?;
+        let known: Vec<f64> = pairs.iter().filter_map(|p| grid(p.0, p.1)).collect();
+        let steps: Vec<f64> = known.iter().copied().filter(|s| *s > 0.0).collect();
+        let step_rad = if rounding && 2 * steps.len() > known.len() {
+            math::median(&steps)
+        } else {
+            0.0
+        };
+        let all = changes(first.0, 10.0 * EXACT_RAD);
+        let spacing: Vec<f64> = all.windows(2).map(|w| w[1].0 - w[0].0).collect();
+        Some(Self {
+            step_rad,
+            row_s: first.1.period_s(),
+            spacing_s: math::median(&spacing).max(first.1.period_s()),
+            length_s: data.runs.iter().map(|r| r.length_s).fold(0.0, f64::max),
+            runs: pairs.iter().map(|p| follow(p.0, p.1, step_rad)).collect(),
+        })
+    }
+
+    fn drift(&self) -> Option<(f64, f64)> {
+        let slopes: Vec<f64> = self.runs.iter().filter_map(|r| drift(r)).collect();
+        let middle = math::median(&slopes);
+        let spread = math::rms(&slopes.iter().map(|s| s - middle).collect::<Vec<_>>());
+        (!slopes.is_empty()).then(|| (middle, spread / (slopes.len() as f64).sqrt()))
+    }
+
+    fn sent(&self) -> f64 {
+        self.runs.iter().map(|r| r.len() as f64).sum()
+    }
+
+    /// Arrivals by rows of delay on the robot's clock, and the number never seen.
+    fn rows(&self, slope: f64) -> ([f64; BINS], f64) {
+        let (mut rows, mut lost) = ([0.0; BINS], 0.0);
+        for (t, delay) in self.runs.iter().flatten() {
+            match delay {
+                Some(d) => rows[bin(d - slope * t, self.row_s)] += 1.0,
+                None => lost += 1.0,
+            }
+        }
+        (rows, lost)
+    }
+
+    /// Arrivals seen in another row than `delay` on a clock that drifts by `slope` says.
+    fn stray(&self, slope: f64, delay: f64) -> f64 {
+        let row = |t: f64| ((t * (1.0 + slope) + delay - TICK_S) / self.row_s).ceil() * self.row_s;
+        let off = |f: &&Followed| {
+            f.1.is_some_and(|d| (row(f.0) - f.0 - d).abs() > 0.5 * self.row_s)
+        };
+        self.runs.iter().flatten().filter(off).count() as f64
+    }
+
+    /// The delays at which, were all the same, fewest arrivals would be seen in another row than they were.
+    fn constant(&self, slope: f64) -> Constant {
+        let fine = self.row_s / GRAINS;
+        let all: Vec<f64> = (0..(LONGEST_S / fine) as usize)
+            .map(|i| self.stray(slope, i as f64 * fine))
+            .collect();
+        let least = all.iter().copied().fold(f64::INFINITY, f64::min);
+        let near = |s: &&f64| **s <= least + STRAY * self.sent();
+        let low = all.iter().position(|s| near(&s)).unwrap_or(0) as f64;
+        let high = all.iter().rposition(|s| near(&s)).unwrap_or(0) as f64;
+        // No delay at all is the one that no row adds to.
+        let late_s = if high == 0.0 {
+            [-self.row_s, 0.0]
+        } else {
+            [(low - 1.0) * fine, (high + 1.0) * fine]
+        };
+        Constant {
+            stray: least,
+            late_s,
+        }
+    }
+
+    /// Loss and jitter of `joint`, and what the joint needs to know.
+    fn judge(&self, joint: usize, slope: f64, withheld: &[Effect], out: &mut Vec<Reading>) -> Echo {
+        let (rows, lost) = self.rows(slope);
+        let arrived: f64 = rows.iter().sum();
+        let mut echo = Echo {
+            skew: 1.0 / (1.0 + slope),
+            step_rad: self.step_rad,
+            ..Echo::NEUTRAL
+        };
+        if self.step_rad > 0.0 {
+            out.push(reading(
+                Effect::Quantisation,
+                Some(joint),
+                "step_rad",
+                self.step_rad,
+                EXACT_RAD,
+                (self.step_rad / LEAST_STEP_RAD).powi(2),
+            ));
+        }
+        if self.sent() < LEAST_SENT {
+            return echo;
+        }
+        // Values that mostly never appear have been changed on the way.
+        if arrived < 0.3 * self.sent() {
+            return Echo {
+                uneven: true,
+                odd: true,
+                ..Echo::NEUTRAL
+            };
+        }
+        let constant = self.constant(slope);
+        // Where the clock drifts, rows are met at every phase, and a few at the very edge.
+        let few = if slope == 0.0 { STRAY } else { 5.0 * STRAY };
+        let spread = constant.stray > (few * arrived).max(8.0);
+        let mut unseen = 0.0;
+        if spread {
+            let (sigma, delay, played, gain) = jitter(&rows, self.spacing_s, self.row_s);
+            unseen = played.unseen;
+            let half = 1.96 * sigma / (2.0 * arrived).sqrt() + 0.03 * sigma;
+            if sigma > 0.0 && gain > CLEAR {
+                out.push(reading(
+                    Effect::Jitter,
+                    Some(joint),
+                    "sigma_s",
+                    sigma,
+                    half,
+                    gain,
+                ));
+            } else {
+                echo.odd = true;
+            }
+            if delay > 0.0 {
+                out.push(reading(
+                    Effect::Latency,
+                    Some(joint),
+                    "delay_s",
+                    delay,
+                    0.3 * self.row_s,
+                    (delay / (0.3 * self.row_s)).powi(2),
+                ));
+            }
+            echo.odd |= withheld.contains(&Effect::Jitter);
+        }
+        let loss = 1.0 - arrived / self.sent() / (1.0 - unseen);
+        let error = (loss.abs().max(0.01) / self.sent()).sqrt() + 0.2 * unseen;
+        if loss > LEAST_LOSS + 3.0 * error {
+            out.push(reading(
+                Effect::PacketLoss,
+                Some(joint),
+                "probability",
+                loss,
+                1.96 * error,
+                (loss / LEAST_LOSS).powi(2),
+            ));
+            echo.odd |= withheld.contains(&Effect::PacketLoss);
+        }
+        echo.uneven = spread || lost > LEAST_LOSS * self.sent();
+        if !echo.uneven {
+            echo.late_s = Some(constant.late_s);
+        }
+        echo
+    }
+}
+
+/// Drift of the delays that all joints share, its error, and the joints that show it.
+fn clock(addresses: &[Option<Address>]) -> Option<(f64, f64)> {
+    let drifts: Vec<(f64, f64)> = addresses
+        .iter()
+        .flatten()
+        .filter_map(Address::drift)
+        .collect();
+    let slope = math::median(&drifts.iter().map(|d| d.0).collect::<Vec<_>>());
+    let a = addresses.iter().flatten().next()?;
+    let agree = |d: &&(f64, f64)| (d.0 - slope).abs() <= 0.1 * slope.abs() + 3.0 * d.1;
+    let error = math::median(&drifts.iter().map(|d| d.1).collect::<Vec<_>>());
+    let seen = (slope * a.length_s).abs() > 1.5 * a.row_s && slope.abs() > 5.0 * error;
+    if !seen || drifts.iter().filter(agree).count() < ONE_CLOCK {
+        return None;
+    }
+    // Rows beat with the drift: the slope at which fewest arrivals are out of place is better than a straight line through them.
+    let stray = |slope: f64| -> f64 {
+        let one = |a: &Address| {
+            (0..64)
+                .map(|i| a.stray(slope, 0.25 * a.row_s * f64::from(i)))
+                .fold(f64::INFINITY, f64::min)
+        };
+        addresses.iter().flatten().map(one).sum()
+    };
+    let tries: Vec<(f64, f64)> = (-40..=40)
+        .map(|i| slope + 2e-5 * f64::from(i))
+        .map(|s| (s, stray(s)))
+        .collect();
+    let least = tries.iter().map(|t| t.1).fold(f64::INFINITY, f64::min);
+    let best: Vec<f64> = tries.iter().filter(|t| t.1 <= least).map(|t| t.0).collect();
+    Some((math::mean(&best), error.min(1e-4)))
+}
+
+/// Reads the transport of every joint off its echo, and tells `conventions` what the joints need to know.
+pub(super) fn read(
+    data: &Data,
+    conventions: &mut Conventions,
+    withheld: &[Effect],
+    out: &mut Vec<Reading>,
+) {
+    let rounding = !withheld.contains(&Effect::Quantisation);
+    let addresses: Vec<Option<Address>> = (0..JOINTS)
+        .map(|a| Address::new(data, a, rounding))
+        .collect();
+    let mut slope = 0.0;
+    if let Some((s, error)) = clock(&addresses) {
+        slope = s;
+        out.push(reading(
+            Effect::ClockSkew,
+            None,
+            "ratio",
+            1.0 / (1.0 + s),
+            1.96 * error + 1e-5,
+            (s / 1e-4).powi(2),
+        ));
+    }
+    let mut all = [Echo::NEUTRAL; JOINTS];
+    for (address, echo) in all.iter_mut().enumerate() {
+        let joint = conventions
+            .order
+            .iter()
+            .position(|o| *o == address)
+            .unwrap_or(address);
+        if let Some(a) = &addresses[address] {
+            *echo = a.judge(joint, slope, withheld, out);
+            echo.odd |= slope != 0.0 && withheld.contains(&Effect::ClockSkew);
+        }
+    }
+    conventions.echo = std::array::from_fn(|k| all[conventions.order[k]]);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_grid_is_found_with_its_step_and_nothing_else_is_one() {
+        let track = |f: &dyn Fn(f64) -> f64| Track {
+            t_s: (0..400).map(|i| 0.025 * f64::from(i)).collect(),
+            v: (0..400).map(|i| f(0.025 * f64::from(i))).collect(),
+        };
+        let smooth = |t: f64| (1e5 * 0.7 * math::sin(1.3 * t)).round() / 1e5;
+        let coarse = |t: f64| (1e5 * (rounded(smooth(t), 0.0, 0.02) - 0.0013)).round() / 1e5;
+        let step = grid(&track(&smooth), &track(&coarse));
+        assert!(step.is_some_and(|s| (s - 0.02).abs() < 1e-5), "{step:?}");
+        assert_eq!(grid(&track(&smooth), &track(&smooth)), Some(0.0));
+        assert_eq!(grid(&track(&coarse), &track(&coarse)), Some(0.0));
+    }
+}
