@@ -9,6 +9,7 @@ mod dropout;
 mod filmed;
 mod gap_data;
 mod gap_next;
+mod gap_runs;
 mod hybrid;
 mod matching;
 mod model;

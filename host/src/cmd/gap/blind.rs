@@ -131,70 +131,150 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
         };
         return suite.run(context);
     }
+    joints(args, jobs, context)
+}
+
+/// The folders of a suite of joints.
+struct Folders {
+    cases: PathBuf,
+    labels: PathBuf,
+    verdicts: PathBuf,
+}
+
+impl Folders {
+    fn make(args: &Args) -> Outcome<Self> {
+        let verdicts = if args.leave_one_out {
+            "verdicts_left_out"
+        } else {
+            "verdicts"
+        };
+        let out = Self {
+            cases: args.output.join("cases"),
+            labels: args.output.join("labels"),
+            verdicts: args.output.join(verdicts),
+        };
+        for d in [&out.cases, &out.labels, &out.verdicts] {
+            fs::create_dir_all(d).map_err(|e| fail("make", d, e))?;
+        }
+        Ok(out)
+    }
+}
+
+/// The suite of joints: makes and seals the cases, diagnoses and scores them.
+fn joints(args: &Args, jobs: usize, context: &Context) -> Outcome {
     let indices: Vec<usize> = (0..args.cases)
         .chain(NULLS_FROM..NULLS_FROM + args.nulls)
         .collect();
-    let cases = args.output.join("cases");
-    let labels = args.output.join("labels");
-    let verdicts = args.output.join(if args.leave_one_out {
-        "verdicts_left_out"
-    } else {
-        "verdicts"
-    });
-    for d in [&cases, &labels, &verdicts] {
-        fs::create_dir_all(d).map_err(|e| fail("make", d, e))?;
-    }
+    let folders = Folders::make(args)?;
+    let Folders {
+        cases,
+        labels,
+        verdicts,
+    } = &folders;
+    same_suite(args)?;
     context
         .out
         .say(format_args!("{} cases on {jobs} processes", indices.len()));
     each(indices.len(), jobs, |i| {
-        make(&cases, &labels, args.seed, indices[i])
+        make(cases, labels, args.seed, indices[i])
     })?;
-    let seal = seal(&labels, &indices)?;
-    write(&args.output.join("labels.sha256"), &format!("{seal}\n"))?;
+    let seal = sealed(args, labels, &indices)?;
     context
         .out
         .say(format_args!("labels sealed: sha256 {seal}"));
     let bar = context.out.progress(indices.len() as u64, "diagnosing");
     each(indices.len(), jobs, |i| {
-        let done = diagnose(&cases, &labels, &verdicts, indices[i], args.leave_one_out);
+        let done = diagnose(cases, labels, verdicts, indices[i], args.leave_one_out);
         bar.inc(1);
         done
     })?;
     bar.finish_and_clear();
-    if self::seal(&labels, &indices)? != seal {
+    if self::seal(labels, &indices)? != seal {
         return Err(Failure::say(
             Exit::Check,
             "the labels changed while the cases were diagnosed",
         ));
     }
+    score_all(args, &folders, &indices, &seal, context)
+}
+
+/// Hash of the labels, written once; labels that changed since are refused.
+fn sealed(args: &Args, labels: &Path, indices: &[usize]) -> Outcome<String> {
+    let seal = seal(labels, indices)?;
+    let path = args.output.join("labels.sha256");
+    match fs::read_to_string(&path) {
+        Ok(before) if before.trim() != seal => {
+            let text = format!(
+                "the labels were changed after {} was written; begin again in a new folder",
+                path.display()
+            );
+            Err(Failure::say(Exit::Check, text))
+        }
+        Ok(_) => Ok(seal),
+        Err(_) => {
+            write(&path, &format!("{seal}\n"))?;
+            Ok(seal)
+        }
+    }
+}
+
+/// Opens the labels and writes the table.
+fn score_all(
+    args: &Args,
+    f: &Folders,
+    indices: &[usize],
+    seal: &str,
+    context: &Context,
+) -> Outcome {
     let read = |path: PathBuf| {
         fs::read_to_string(path)
             .ok()
             .and_then(|t| serde_json::from_str::<Value>(&t).ok())
     };
-    let pairs: Vec<(Value, Value)> = indices
-        .iter()
-        .filter_map(|i| Some((read(labels.join(file(*i)))?, read(verdicts.join(file(*i)))?)))
-        .collect();
-    let table = if args.leave_one_out {
-        score::left_out(&pairs)
-    } else {
-        score::table(&pairs)
+    let pair = |i: &usize| {
+        Some((
+            read(f.labels.join(file(*i)))?,
+            read(f.verdicts.join(file(*i)))?,
+        ))
     };
-    write(
-        &args.output.join(if args.leave_one_out {
-            "score_left_out.md"
-        } else {
-            "score.md"
-        }),
-        &table.markdown(),
-    )?;
+    let pairs: Vec<(Value, Value)> = indices.iter().filter_map(pair).collect();
+    let lost = indices.len() - pairs.len();
+    if lost > 0 && !args.leave_one_out {
+        let text = format!(
+            "{lost} of {} cases have no verdict and no figure counts them; give the same command again",
+            indices.len()
+        );
+        return Err(Failure::say(Exit::Check, text));
+    }
+    let (table, name) = if args.leave_one_out {
+        (score::left_out(&pairs), "score_left_out.md")
+    } else {
+        (score::table(&pairs), "score.md")
+    };
+    write(&args.output.join(name), &table.markdown())?;
     let value = json!({ "labels_sha256": seal, "seed": args.seed, "rows": table.json(), "failures": table.failures });
     context
         .out
         .result("rb.gap_blind/1", value, || table.markdown());
     Ok(())
+}
+
+/// A folder holds one suite: another seed or size there would mix two.
+fn same_suite(args: &Args) -> Outcome {
+    let path = args.output.join("suite.json");
+    let mine = json!({ "seed": args.seed, "cases": args.cases, "nulls": args.nulls }).to_string();
+    match fs::read_to_string(&path) {
+        Ok(there) if there.trim() != mine => {
+            let text = format!(
+                "{} holds another suite ({}); give a new folder",
+                args.output.display(),
+                there.trim()
+            );
+            Err(Failure::say(Exit::Usage, text))
+        }
+        Ok(_) => Ok(()),
+        Err(_) => write(&path, &format!("{mine}\n")),
+    }
 }
 
 fn file(index: usize) -> String {

@@ -1,0 +1,150 @@
+//! The checks of the diagnosis from end to end, as small as they get: sealed suites, grafts, the closed loop.
+
+use std::fmt::Write as _;
+use std::fs;
+
+use crate::rig::{Done, Folder, rb};
+
+/// The figure called `name` of a score table: value and number of cases.
+#[track_caller]
+fn figure(done: &Done, name: &str) -> (Option<f64>, u64) {
+    let table = done.json();
+    let rows = table["rows"].as_array();
+    let row = rows.and_then(|r| r.iter().find(|r| r["figure"] == name));
+    let row = row.unwrap_or_else(|| panic!("no figure `{name}`: {table}"));
+    (row["value"].as_f64(), row["cases"].as_u64().unwrap_or(0))
+}
+
+fn stamp(folder: &Folder, file: &str) -> std::time::SystemTime {
+    let meta = fs::metadata(folder.path(file)).unwrap_or_else(|e| panic!("{file}: {e}"));
+    meta.modified().unwrap()
+}
+
+#[test]
+fn a_sealed_suite_of_joints_is_scored_and_goes_on_where_it_stopped() {
+    let folder = Folder::new("blind");
+    let args = [
+        "--json", "gap", "blind", "-o", "b", "--cases", "6", "--nulls", "2", "--seed", "31",
+    ];
+    let first = rb(&folder, &args).expect(0);
+    assert!(first.err.contains("labels sealed: sha256"), "{}", first.err);
+    let (alarms, nulls) = figure(&first, "false alarms on nulls (an effect named)");
+    assert!(nulls >= 2 && alarms == Some(0.0), "{}", first.out);
+    let (top, singles) = figure(&first, "top-1, detectable singles");
+    assert!(singles >= 2 && top == Some(1.0), "{}", first.out);
+    // One verdict is lost: that case alone is diagnosed again, to the same bytes but for the time it took.
+    let lost = folder.path("b/verdicts/case_0002.json");
+    let before = fs::read_to_string(&lost).unwrap();
+    let kept = stamp(&folder, "b/verdicts/case_0001.json");
+    fs::remove_file(&lost).unwrap();
+    let again = rb(&folder, &args).expect(0);
+    assert_eq!(first.out, again.out);
+    assert_eq!(kept, stamp(&folder, "b/verdicts/case_0001.json"));
+    let strip = |text: &str| -> serde_json::Value {
+        let mut v: serde_json::Value = serde_json::from_str(text).unwrap();
+        v["provenance"]["wall_time_s"] = serde_json::Value::Null;
+        v
+    };
+    assert_eq!(strip(&before), strip(&fs::read_to_string(&lost).unwrap()));
+    let other = [
+        "gap", "blind", "-o", "b", "--cases", "6", "--nulls", "2", "--seed", "32",
+    ];
+    let refused = rb(&folder, &other);
+    assert!(
+        refused.code == 2 && refused.err.contains("another suite"),
+        "{}",
+        refused.err
+    );
+    // A label that was changed after it was sealed is not scored.
+    let label = folder.path("b/labels/case_0001.json");
+    fs::write(&label, fs::read_to_string(&label).unwrap() + " ").unwrap();
+    let refused = rb(&folder, &args);
+    assert!(
+        refused.code != 0 && refused.err.contains("labels were changed"),
+        "{}",
+        refused.err
+    );
+}
+
+#[test]
+fn a_sealed_robot_is_diagnosed_and_scored() {
+    let folder = Folder::new("blind_whole");
+    let args = [
+        "--json", "gap", "blind", "--whole", "1", "--gaits", "3", "--seed", "5", "-o", "w",
+    ];
+    let done = rb(&folder, &args).expect(0);
+    assert!(done.err.contains("labels sealed: sha256"), "{}", done.err);
+    let (seconds, cases) = figure(&done, "wall time of a diagnosis, median, s");
+    assert!(cases == 1 && seconds > Some(0.0), "{}", done.out);
+    assert!(folder.path("w/whole_score.md").exists());
+}
+
+/// Six noisy recordings of a joint that follows with a lag of 0.1 s.
+fn recordings(folder: &Folder) {
+    fs::create_dir(folder.path("joint")).unwrap();
+    let mut manifest = String::from("format = 1\nrobot = \"bench\"\n");
+    let mut noise = 1u32;
+    for (run, hz) in [0.2_f64, 0.35, 0.5, 0.27, 0.42, 0.6].iter().enumerate() {
+        let mut csv = String::from("t_s,setpoint_rad,position_rad\n");
+        let mut q = 0.0;
+        for i in 0..500 {
+            let t = f64::from(i) * 0.02;
+            let phase = (hz * t).fract();
+            let sp = 0.8 * (1.0 - 4.0 * (phase - 0.5).abs());
+            q += 0.2 * (sp - q);
+            // Numerical Recipes' linear congruence: half a milliradian of uniform noise.
+            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let read = q + 1e-3 * (f64::from(noise) / f64::from(u32::MAX) - 0.5);
+            writeln!(csv, "{t:.3},{sp:.5},{read:.5}").unwrap();
+        }
+        folder.write(&format!("joint/run{run}.csv"), csv);
+        let row = format!("[[run]]\nfile = \"run{run}.csv\"\ngait = \"g{run}\"\n");
+        manifest.push_str(&row);
+    }
+    folder.write("joint/dataset.toml", manifest);
+}
+
+#[test]
+fn faults_put_onto_recordings_are_found_on_top_of_their_baseline() {
+    let folder = Folder::new("grafts");
+    recordings(&folder);
+    let args = [
+        "--json", "gap", "graft", "joint", "-o", "g", "--cases", "2", "--splits", "1",
+    ];
+    let done = rb(&folder, &args).expect(0);
+    let (right, large) = figure(&done, "grafts named, larger than 2");
+    assert!(large == 2 && right == Some(1.0), "{}", done.out);
+    let table = fs::read_to_string(folder.path("g/score.md")).unwrap();
+    assert!(table.contains("latency"), "{table}");
+}
+
+#[test]
+fn the_loop_closes_from_search_to_patched_search() {
+    let folder = Folder::new("close");
+    let args = [
+        "gap",
+        "close",
+        "-o",
+        "c",
+        "--particles",
+        "4",
+        "--iterations",
+        "1",
+        "--gaits",
+        "3",
+        "--duration",
+        "4",
+    ];
+    let done = rb(&folder, &args).expect(0);
+    for line in [
+        "the nominal simulator | patched",
+        "the patched simulator | patched",
+    ] {
+        assert!(done.out.contains(line), "{}", done.out);
+    }
+    for file in ["close.md", "patched.toml", "verdict.json"] {
+        assert!(folder.path("c").join(file).exists(), "{file}");
+    }
+    let patched = folder.path("c/patched.toml");
+    rb(&folder, &["model", "check", patched.to_str().unwrap()]).expect(0);
+}
