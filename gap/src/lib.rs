@@ -5,6 +5,7 @@ pub mod diagnose;
 pub mod experiment;
 pub mod fit;
 pub mod floor;
+pub mod interface;
 pub mod joint;
 pub mod locate;
 pub mod math;

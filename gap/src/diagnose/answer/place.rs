@@ -4,9 +4,9 @@ use super::word::{REMAINDER, remainder};
 use crate::candidates;
 use crate::diagnose::{Diagnosis, Settings};
 use crate::joint::{Channel, Trace, simulate};
-use crate::locate;
 use crate::verdict::Where;
 use crate::vocabulary::{Effect, Stage};
+use crate::{interface, locate};
 
 pub(super) fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
     let floor = if d.floor.repeat.is_some() {
@@ -40,7 +40,7 @@ pub(super) fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
             ci95: s.ci95,
         })
         .collect();
-    if remainder(d, settings) > REMAINDER {
+    if remainder(d, settings) > REMAINDER && !measured_places(d, &mut rows, regime, settings) {
         let before = before_driver(d);
         if d.selection.found.is_empty() {
             suspect(d, &mut rows, regime, before);
@@ -51,6 +51,64 @@ pub(super) fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
     }
     rows.sort_by(|a, b| b.share.total_cmp(&a.share));
     rows
+}
+
+/// Places what nothing explains by the laws that the measured signals break (see [`crate::interface`]). With nothing found the
+/// calibration only bends to what it cannot explain, and the whole gap is placed so. `false` where the signals cannot tell.
+fn measured_places(
+    d: &Diagnosis,
+    rows: &mut Vec<Where>,
+    regime: &str,
+    settings: &Settings,
+) -> bool {
+    let bare = d.selection.found.is_empty();
+    let model = if bare {
+        &d.nominal
+    } else {
+        &d.selection.model.params
+    };
+    let told = interface::shares(
+        &d.problem,
+        &d.score_runs,
+        model,
+        d.independent,
+        settings.seed,
+    );
+    let Some(told) = told.filter(|_| !d.ideal) else {
+        return false;
+    };
+    let rest = if bare {
+        rows.clear();
+        1.0
+    } else {
+        let unexplained = rows.iter().filter(|r| r.stage == "unexplained");
+        unexplained.map(|r| r.share).sum()
+    };
+    rows.retain(|r| r.stage != "unexplained");
+    // What the strongest stage does not hold is in doubt.
+    let doubt = 0.5 * (1.0 - told.first().map_or(0.0, |s| s.share));
+    for s in &told {
+        let name = s.stage.map_or("unexplained", Stage::name);
+        let part = rest * (1.0 - doubt);
+        match rows.iter_mut().find(|r| r.stage == name) {
+            Some(r) => r.share += part * s.share,
+            None => rows.push(Where {
+                stage: name.into(),
+                joint: (s.stage != Some(Stage::Supply)).then_some(d.problem.joint),
+                regime: regime.into(),
+                share: part * s.share,
+                ci95: s.ci95.map(|x| part * x),
+            }),
+        }
+    }
+    rows.push(Where {
+        stage: "unexplained".into(),
+        joint: Some(d.problem.joint),
+        regime: regime.into(),
+        share: rest * doubt,
+        ci95: [0.0, rest],
+    });
+    true
 }
 
 /// What the driver's echo says of a remainder: it arose before the driver, and in which stage; `Some(None)` if the

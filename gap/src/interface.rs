@@ -1,0 +1,341 @@
+//! Where, from measured signals alone: every stage of the servo is fed with what was measured at its input and judged by
+//! what was measured at its output.
+//!
+//! The same is done with a play of the model, sampled at the same instants: what sampling and smoothing do to a residual
+//! is alike in both and goes away in the difference. All residuals are in parts of the full duty, the unit in which the
+//! stages of a position servo can be compared: what the loop must put out to make up for them.
+
+use files::dataset::Output;
+
+use crate::candidates::{effort_per_ampere, measured};
+use crate::joint::data::RunData;
+use crate::joint::{Channel, Params, Problem, Trace, simulate};
+use crate::locate::Share;
+use crate::math;
+use crate::vocabulary::Stage;
+
+/// Rows to each side of the local parabola that gives speed and acceleration.
+const HALF: usize = 3;
+
+/// Rows over which residuals are averaged to each side: one set-point period of the robot in rows of 100 Hz.
+const SMOOTH: usize = 2;
+
+/// What a stage's law leaves, and the columns by which its constants may move within their tolerances.
+struct Residual {
+    stage: Stage,
+    rest: Vec<f64>,
+    columns: Vec<(Vec<f64>, f64)>,
+}
+
+/// Value, slope and curvature of the parabola through `2 HALF + 1` equally spaced values.
+fn parabola(y: &[f64], dt_s: f64) -> Vec<[f64; 3]> {
+    let h = HALF as f64;
+    let n = 2.0 * h + 1.0;
+    let s2: f64 = (1..=HALF).map(|k| 2.0 * (k * k) as f64).sum();
+    let s4: f64 = (1..=HALF).map(|k| 2.0 * ((k * k) as f64).powi(2)).sum();
+    let last = y.len().saturating_sub(1);
+    (0..y.len())
+        .map(|i| {
+            let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
+            for k in 0..=2 * HALF {
+                let x = k as f64 - h;
+                let v = y[(i + k).saturating_sub(HALF).min(last)];
+                sum += v;
+                first += x * v;
+                second += x * x * v;
+            }
+            let c = (n * second - s2 * sum) / (n * s4 - s2 * s2);
+            let a = (sum - c * s2) / n;
+            [a, first / s2 / dt_s, 2.0 * c / (dt_s * dt_s)]
+        })
+        .collect()
+}
+
+/// Mean over the finite neighbours.
+fn smooth(y: &[f64]) -> Vec<f64> {
+    (0..y.len())
+        .map(|i| {
+            let near = &y[i.saturating_sub(SMOOTH)..(i + SMOOTH + 1).min(y.len())];
+            let finite = near.iter().filter(|v| v.is_finite());
+            let (sum, n) = finite.fold((0.0, 0), |(s, n), v| (s + v, n + 1));
+            if n > 0 { sum / f64::from(n) } else { f64::NAN }
+        })
+        .collect()
+}
+
+/// Channels of a run as columns, measured or simulated.
+struct Signals([Vec<f64>; 7]);
+
+impl Signals {
+    fn of(&self, c: Channel) -> &[f64] {
+        &self.0[c as usize]
+    }
+
+    fn measured(run: &RunData) -> Self {
+        let column = |k: usize| run.samples.iter().map(|s| s.measured[k]).collect();
+        Self(std::array::from_fn(column))
+    }
+
+    fn simulated(trace: &Trace) -> Self {
+        Self(std::array::from_fn(|k| {
+            trace.iter().map(|y| y[k]).collect()
+        }))
+    }
+}
+
+/// Set-points as sent at the rows of a run.
+fn sent(run: &RunData, dt_s: f64) -> Vec<f64> {
+    let mut k = 0;
+    let at = |s: &crate::joint::Sample| (s.step as f64 + s.part) * dt_s;
+    run.samples
+        .iter()
+        .map(|s| {
+            while k + 1 < run.command_t_s.len() && run.command_t_s[k + 1] <= at(s) + 1e-6 {
+                k += 1;
+            }
+            run.command.get(k).copied().unwrap_or(f64::NAN)
+        })
+        .collect()
+}
+
+fn zip(n: usize, f: impl Fn(usize) -> f64) -> Vec<f64> {
+    (0..n).map(f).collect()
+}
+
+/// The stages' residuals on one set of signals.
+fn residuals(problem: &Problem, run: &RunData, s: &Signals) -> Vec<Residual> {
+    let n = &run.nominal;
+    let rows = run.samples.len();
+    let kt = effort_per_ampere(problem, &Params::default());
+    let ohm = kt * n.supply_v / n.stall;
+    let known = &problem.known;
+    let row_s = (run.steps as f64 * problem.dt_s) / rows as f64;
+    let q = s.of(Channel::Position);
+    let motion = parabola(q, row_s);
+    let sent = sent(run, problem.dt_s);
+    let echoed = measured(problem, Channel::Applied);
+    let applied = if echoed {
+        s.of(Channel::Applied)
+    } else {
+        &sent
+    };
+    let (duty, current) = (s.of(Channel::Duty), s.of(Channel::Current));
+    let bus = |i: usize| match s.of(Channel::BusVoltage)[i] {
+        v if v.is_finite() => v / n.supply_v,
+        _ => 1.0,
+    };
+    let error = |i: usize| n.kp * (applied[i] - q[i]);
+    let law = |i: usize| (error(i) - n.kd * motion[i][1]).clamp(-n.limit, n.limit);
+    let back = |i: usize| kt * motion[i][1] / n.supply_v;
+    let torque = |i: usize| current[i] * ohm / n.supply_v;
+    let inertia = |i: usize| n.inertia * motion[i][2] / n.stall;
+    let weight = |i: usize| n.gravity * math::sin(motion[i][0]) / n.stall;
+    let tolerance = |t: Option<f64>| t.unwrap_or(0.05);
+    let mut out = vec![
+        Residual {
+            stage: Stage::Driver,
+            rest: zip(rows, |i| duty[i] - law(i)),
+            columns: vec![
+                (zip(rows, error), tolerance(known.kp).min(0.01)),
+                (
+                    zip(rows, |i| n.kd * motion[i][1]),
+                    tolerance(known.kd).min(0.01),
+                ),
+                (zip(rows, |i| n.kd * n.period_s * motion[i][2]), 1.0),
+            ],
+        },
+        Residual {
+            stage: Stage::Electrical,
+            rest: zip(rows, |i| torque(i) - (duty[i] * bus(i) - back(i))),
+            columns: vec![
+                (zip(rows, |i| duty[i] * bus(i)), tolerance(known.stall)),
+                (zip(rows, back), tolerance(known.speed)),
+            ],
+        },
+        Residual {
+            stage: Stage::Drivetrain,
+            rest: zip(rows, |i| torque(i) - inertia(i) - weight(i)),
+            columns: vec![
+                (zip(rows, torque), tolerance(known.speed)),
+                (zip(rows, inertia), tolerance(known.inertia)),
+                (zip(rows, weight), tolerance(known.gravity)),
+            ],
+        },
+    ];
+    if measured(problem, Channel::BusVoltage) {
+        out.push(Residual {
+            stage: Stage::Supply,
+            rest: zip(rows, |i| duty[i] * (bus(i) - 1.0)),
+            columns: vec![(duty.to_vec(), tolerance(known.supply))],
+        });
+    }
+    if echoed {
+        out.push(Residual {
+            stage: Stage::Transport,
+            rest: zip(rows, |i| n.kp * (applied[i] - sent[i])),
+            columns: Vec::new(),
+        });
+    }
+    if measured(problem, Channel::Link) {
+        let link = s.of(Channel::Link);
+        out.push(Residual {
+            stage: Stage::Transmission,
+            rest: zip(rows, |i| n.kp * (link[i] - q[i])),
+            // A zero of two milliradians between two encoders is no finding.
+            columns: vec![(vec![n.kp; rows], 0.002)],
+        });
+    }
+    out
+}
+
+/// Mean square of `y` beyond its fast noise, once `columns` have taken what they may within their tolerances.
+fn beyond(y: &[f64], columns: &[(Vec<f64>, f64)], independent: f64) -> f64 {
+    let used: Vec<usize> = (0..y.len())
+        .filter(|i| y[*i].is_finite() && columns.iter().all(|c| c.0[*i].is_finite()))
+        .collect();
+    if used.len() < 20 {
+        return 0.0;
+    }
+    let n = used.len() as f64;
+    let mut rest: Vec<f64> = used.iter().map(|i| y[*i]).collect();
+    let mut beta = vec![0.0; columns.len()];
+    // Each column in turn, towards its optimum under its tolerance; a handful of rounds settles three columns.
+    for _ in 0..30 {
+        let size = rest.iter().map(|r| r * r).sum::<f64>() / n;
+        for ((column, sigma), b) in columns.iter().zip(&mut beta) {
+            let (mut xy, mut xx) = (0.0, 0.0);
+            for (r, i) in rest.iter().zip(&used) {
+                xy += r * column[*i];
+                xx += column[*i] * column[*i];
+            }
+            let weight = independent / (n * size.max(1e-18));
+            let prior = 1.0 / (sigma * sigma);
+            let step = (weight * xy - prior * *b) / (weight * xx + prior);
+            *b += step;
+            for (r, i) in rest.iter_mut().zip(&used) {
+                *r -= step * column[*i];
+            }
+        }
+    }
+    let square = rest.iter().map(|r| r * r).sum::<f64>() / n;
+    let second: Vec<f64> = rest
+        .windows(3)
+        .map(|w| (w[0] - 2.0 * w[1] + w[2]).powi(2))
+        .collect();
+    // Second differences of smoothed noise of variance v have the variance 2 v (window of five).
+    (square - 0.5 * math::median(&second) / 0.455).max(0.0)
+}
+
+/// Splits what a residual holds into what a straight line of the set-point explains and the rest.
+fn conventions(y: &[f64], sent: &[f64]) -> f64 {
+    let used: Vec<usize> = (0..y.len())
+        .filter(|i| y[*i].is_finite() && sent[*i].is_finite())
+        .collect();
+    let n = used.len().max(1) as f64;
+    let mean = |v: &[f64]| used.iter().map(|i| v[*i]).sum::<f64>() / n;
+    let (my, mx) = (mean(y), mean(sent));
+    let (mut xy, mut xx, mut yy) = (0.0, 1e-12, 1e-18);
+    for i in &used {
+        xy += (sent[*i] - mx) * (y[*i] - my);
+        xx += (sent[*i] - mx).powi(2);
+        yy += y[*i] * y[*i];
+    }
+    ((n * my * my + xy * xy / xx) / yy).clamp(0.0, 1.0)
+}
+
+/// Stages in the order of a run's list of energies.
+const STAGES: [Stage; 7] = [
+    Stage::Conventions,
+    Stage::Transport,
+    Stage::Driver,
+    Stage::Electrical,
+    Stage::Supply,
+    Stage::Drivetrain,
+    Stage::Transmission,
+];
+
+/// What `model` leaves in one run, by stage: mean squares in parts of the full duty.
+fn energies(problem: &Problem, run: &RunData, model: &Params, independent: f64) -> [f64; 7] {
+    let mut trace = Trace::new();
+    simulate(run, model, problem.dt_s, &mut trace);
+    let real = residuals(problem, run, &Signals::measured(run));
+    let play = residuals(problem, run, &Signals::simulated(&trace));
+    let mut out = [0.0; 7];
+    let place = |s: Stage| STAGES.iter().position(|x| *x == s).unwrap_or(0);
+    for (m, s) in real.iter().zip(&play) {
+        let transport = m.stage == Stage::Transport;
+        let bias = |i: usize| if transport { 0.0 } else { s.rest[i] };
+        let rest = smooth(&zip(m.rest.len(), |i| m.rest[i] - bias(i)));
+        let columns: Vec<(Vec<f64>, f64)> = m.columns.iter().map(|c| (smooth(&c.0), c.1)).collect();
+        let found = beyond(&rest, &columns, independent);
+        let straight = if transport {
+            conventions(&rest, &sent(run, problem.dt_s))
+        } else {
+            0.0
+        };
+        out[place(m.stage)] += found * (1.0 - straight);
+        out[place(Stage::Conventions)] += found * straight;
+    }
+    out
+}
+
+/// Whether the stages of this joint can be judged: duty and current measured, a servo on a duty with known constants.
+fn can_tell(problem: &Problem, runs: &[usize]) -> bool {
+    let servo = |r: &usize| {
+        let n = &problem.runs[*r].nominal;
+        n.output == Output::Duty && n.ki == 0.0 && n.no_load_speed.is_finite()
+    };
+    let k = &problem.known;
+    let constants = [k.kp, k.stall, k.inertia, k.gravity]
+        .iter()
+        .all(Option::is_some);
+    let signals = [Channel::Duty, Channel::Current]
+        .iter()
+        .all(|c| measured(problem, *c));
+    constants && signals && runs.iter().all(servo)
+}
+
+/// Shares of what `model` leaves in `runs`, by the stage whose own law is broken in the measured signals, largest first,
+/// with intervals over runs; they sum to 1. `None` where the signals cannot tell.
+#[must_use]
+pub fn shares(
+    problem: &Problem,
+    runs: &[usize],
+    model: &Params,
+    independent: f64,
+    seed: u64,
+) -> Option<Vec<Share>> {
+    if !can_tell(problem, runs) || runs.is_empty() {
+        return None;
+    }
+    let each = independent / runs.len() as f64;
+    let one = |r: &usize| energies(problem, &problem.runs[*r], model, each);
+    let all: Vec<[f64; 7]> = runs.iter().map(one).collect();
+    let of = |pick: &[usize], k: usize| {
+        let sum = |k: usize| pick.iter().map(|i| all[*i][k]).sum::<f64>();
+        let total: f64 = (0..7).map(sum).sum();
+        sum(k) / total.max(1e-300)
+    };
+    let every: Vec<usize> = (0..runs.len()).collect();
+    if (0..7).all(|k| of(&every, k) == 0.0) {
+        return None;
+    }
+    let mut rng = math::Rng::new(seed);
+    let draws: Vec<Vec<usize>> = (0..200)
+        .map(|_| every.iter().map(|_| rng.index(runs.len())).collect())
+        .collect();
+    let row = |k: usize| {
+        let column: Vec<f64> = draws.iter().map(|d| of(d, k)).collect();
+        Share {
+            stage: Some(STAGES[k]),
+            share: of(&every, k),
+            ci95: [
+                math::quantile(&column, 0.025),
+                math::quantile(&column, 0.975),
+            ],
+        }
+    };
+    let mut out: Vec<Share> = (0..7).map(row).filter(|s| s.share > 0.0).collect();
+    out.sort_by(|a, b| b.share.total_cmp(&a.share));
+    Some(out)
+}
