@@ -155,12 +155,43 @@ fn renamed_columns_empty_cells_and_joint_suffixes() {
             .iter()
             .any(|w| matches!(w, Warning::UnknownColumn { column, .. } if column == "colour"))
     );
-    let missing = Recording::parse("a.csv", "t_s,setpoint_rad\n0,0\n1,0\n", &m)
-        .expect_err("renamed column absent");
+    let missing = Recording::parse("a.csv", "t_s,position_rad\n0,0\n1,0\n", &m)
+        .expect_err("renamed command absent");
     assert!(
         missing.to_string().contains("setpoint_Rotation"),
         "{missing}"
     );
+}
+
+#[test]
+fn a_renamed_response_may_be_missing_from_a_run() {
+    let m = manifest("[signals]\n\"position_rad\" = \"pos\"");
+    let (r, warnings) =
+        Recording::parse("a.csv", "t_s,setpoint_rad\n0,0\n1,0\n", &m).expect("valid");
+    assert!(
+        r.joint(0)
+            .expect("one joint")
+            .get(Signal::Position)
+            .is_none()
+    );
+    assert!(
+        warnings
+            .iter()
+            .any(|w| w.to_string().contains("`pos` is missing"))
+    );
+    // Where both stand, the renamed one is the signal.
+    let text = "t_s,setpoint_rad,position_rad,pos\n0,0,9,1\n1,0,9,2\n";
+    let (r, _) = Recording::parse("a.csv", text, &m).expect("valid");
+    let position = r.joint(0).and_then(|j| j.get(Signal::Position));
+    assert_eq!(position, Some(&[1.0, 2.0][..]));
+}
+
+#[test]
+fn a_byte_order_mark_and_seconds_since_1970_are_read() {
+    let m = manifest("");
+    let text = "\u{feff}t_s,setpoint_rad\r\n1763742000.5,0\r\n1763742000.6,1\r\n";
+    let (r, _) = Recording::parse("a.csv", text, &m).expect("valid");
+    assert_eq!(r.t_s(), [1_763_742_000.5, 1_763_742_000.6]);
 }
 
 #[test]

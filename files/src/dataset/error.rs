@@ -148,6 +148,18 @@ pub enum Warning {
         /// Header name.
         column: String,
     },
+    /// A column that `[signals]` names is not in this file.
+    #[error(
+        "{file}:1: column `{column}` is missing; [signals] says that `{name}` stands in it; taken as not measured in this run"
+    )]
+    Renamed {
+        /// File name.
+        file: String,
+        /// Signal.
+        name: String,
+        /// Header name that was looked for.
+        column: String,
+    },
     /// A long stretch without rows.
     #[error("{file}:{line}: no row for {gap_s:.3} s, the usual step is {step_s:.4} s")]
     Gap {

@@ -30,24 +30,36 @@ fn hold(times: &[f64], column: &[f64], t_s: f64) -> f64 {
     f64::NAN
 }
 
-fn setpoints_agree(a: &Recording, b: &Recording) -> bool {
-    // Instants compared, and the share that must agree: a set-point sent one row later still repeats the run.
-    const INSTANTS: usize = 400;
-    const SHARE: f64 = 0.95;
-    let (Some(ja), Some(jb)) = (a.joint(0), b.joint(0)) else {
-        return false;
-    };
-    let (Some(sa), Some(sb)) = (ja.get(Signal::Setpoint), jb.get(Signal::Setpoint)) else {
-        return false;
-    };
-    let (ta, tb) = (a.t_s(), b.t_s());
-    let (la, lb) = (ta[ta.len() - 1] - ta[0], tb[tb.len() - 1] - tb[0]);
+/// Command of joint `k`: as sent, else as applied.
+fn command(r: &Recording, k: usize) -> Option<&[f64]> {
+    let j = r.joint(k)?;
+    j.get(Signal::Setpoint)
+        .or_else(|| j.get(Signal::AppliedSetpoint))
+}
+
+fn setpoints_agree(a: &Recording, b: &Recording, joints: usize) -> bool {
+    let length = |r: &Recording| r.t_s()[r.len() - 1] - r.t_s()[0];
+    let (la, lb) = (length(a), length(b));
     if (la - lb).abs() > 0.05 * la.max(lb) {
         return false;
     }
-    let q = ja.get(Signal::Position).map_or(0.0, quantum).max(1e-6);
+    let known = |k: &usize| command(a, *k).is_some() || command(b, *k).is_some();
+    let mut of = (0..joints).filter(known).peekable();
+    of.peek().is_some() && of.all(|k| joint_agrees(a, b, k, la.min(lb)))
+}
+
+fn joint_agrees(a: &Recording, b: &Recording, k: usize, length_s: f64) -> bool {
+    // Instants compared, and the share that must agree: a set-point sent one row later still repeats the run.
+    const INSTANTS: usize = 400;
+    const SHARE: f64 = 0.95;
+    let (Some(sa), Some(sb)) = (command(a, k), command(b, k)) else {
+        return false;
+    };
+    let (ta, tb) = (a.t_s(), b.t_s());
+    let position = a.joint(k).and_then(|j| j.get(Signal::Position));
+    let q = position.map_or(0.0, quantum).max(1e-6);
     let same = (0..INSTANTS).filter(|i| {
-        let t = la.min(lb) * (*i as f64) / INSTANTS as f64;
+        let t = length_s * (*i as f64) / INSTANTS as f64;
         let d = hold(ta, sa, ta[0] + t) - hold(tb, sb, tb[0] + t);
         d.is_nan() || d.abs() <= q
     });
@@ -64,7 +76,7 @@ pub fn repeat_groups(manifest: &Manifest, recordings: &[Recording]) -> Vec<usize
         let twin = (0..i).find(|j| {
             runs[*j].gait == runs[i].gait
                 && runs[*j].bench == runs[i].bench
-                && setpoints_agree(&recordings[*j], &recordings[i])
+                && setpoints_agree(&recordings[*j], &recordings[i], manifest.joints())
         });
         let next = groups.iter().max().map_or(0, |g| g + 1);
         groups.push(twin.map_or(next, |j| groups[j]));

@@ -160,12 +160,17 @@ const SHARED: [&str; 14] = [
     "base_qz",
 ];
 
-fn classify(header: &str, manifest: &Manifest) -> Target {
+fn classify(header: &str, headers: &[String], manifest: &Manifest) -> Target {
     let canonical = manifest
         .signals
         .iter()
         .find(|(_, column)| *column == header)
         .map(|(name, _)| name.as_str());
+    // A canonical name whose signal stands in another column of this file is not that signal.
+    let taken = |column: &String| column != header && headers.contains(column);
+    if canonical.is_none() && manifest.signals.get(header).is_some_and(taken) {
+        return Target::Skip;
+    }
     let name = canonical.unwrap_or(header);
     if name == "t_s" {
         return Target::Time;
@@ -194,6 +199,13 @@ fn classify(header: &str, manifest: &Manifest) -> Target {
     found.map_or(Target::Skip, |s| Target::Joint(joint, s))
 }
 
+/// Header that `[signals]` gives for a signal of the first joint.
+fn renamed<'a>(manifest: &'a Manifest, name: &str) -> Option<&'a str> {
+    let first = |n: &str| n.strip_suffix("_0").unwrap_or(n) == name;
+    let mut of = manifest.signals.iter().filter(|(n, _)| first(n));
+    of.next().map(|(_, column)| column.as_str())
+}
+
 struct Reader<'a> {
     file: &'a str,
     headers: Vec<String>,
@@ -216,16 +228,18 @@ impl<'a> Reader<'a> {
             }
         }
         for (name, column) in &manifest.signals {
-            if !headers.contains(column) {
-                let hint = format!("[signals] says that `{name}` stands in it");
-                return Err(DatasetError::MissingColumn {
+            if !headers.contains(column) && !headers.contains(name) {
+                warnings.push(Warning::Renamed {
                     file: file.into(),
+                    name: name.clone(),
                     column: column.clone(),
-                    hint,
                 });
             }
         }
-        let targets: Vec<Target> = headers.iter().map(|h| classify(h, manifest)).collect();
+        let targets: Vec<Target> = headers
+            .iter()
+            .map(|h| classify(h, &headers, manifest))
+            .collect();
         for (h, t) in headers.iter().zip(&targets) {
             if matches!(t, Target::Skip) {
                 warnings.push(Warning::UnknownColumn {
@@ -251,11 +265,9 @@ impl<'a> Reader<'a> {
                 Target::Joint(_, Signal::Setpoint | Signal::AppliedSetpoint)
             )
         };
-        reader.require(
-            is_setpoint,
-            name,
-            "every run needs its command; rename it under [signals]",
-        )?;
+        let column = renamed(manifest, name).unwrap_or(name);
+        let hint = "every run needs its command; name its column under [signals]";
+        reader.require(is_setpoint, column, hint)?;
         Ok(reader)
     }
 
@@ -293,6 +305,8 @@ impl<'a> Reader<'a> {
             })?;
         let (low, high) = match self.targets[column] {
             Target::Joint(_, s) => s.range(),
+            // Seconds of any epoch; a clock in milliseconds or finer since 1970 is a unit error.
+            Target::Time => (-1e10, 1e10),
             Target::Shared(0) => (-1.0, 1000.0),
             _ => (-1e9, 1e9),
         };
@@ -323,7 +337,7 @@ impl Recording {
         let mut warnings = Vec::new();
         let mut csv = csv::ReaderBuilder::new()
             .has_headers(true)
-            .from_reader(text.as_bytes());
+            .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
         let fail = |e: csv::Error| DatasetError::Csv {
             file: file.into(),
             line: e.position().map_or(1, |p| p.line() as usize),
