@@ -126,6 +126,10 @@ pub fn nominal(problem: &Problem) -> Vec<Free> {
     if n.gravity != 0.0 {
         out.push(log(P::Gravity, k.gravity));
     }
+    if !volts && measured(problem, Channel::Current) {
+        let known = k.speed.zip(k.supply).map(|(a, b)| a.hypot(b));
+        out.push(log(P::Ampere, known));
+    }
     if volts {
         // Without a voltage measurement the supply's tolerance is one with that of the winding resistance.
         let both = |a: f64, b: Option<f64>| (a * a + b.unwrap_or(0.0) * b.unwrap_or(0.0)).sqrt();
@@ -184,15 +188,9 @@ fn exact(tolerance: f64) -> f64 {
 /// Effort per ampere at `params`.
 #[must_use]
 pub fn effort_per_ampere(problem: &Problem, params: &Params) -> f64 {
-    let nominal = problem.runs.first().map_or(1.0, |r| {
-        let n = &r.nominal;
-        if n.no_load_speed.is_finite() {
-            n.supply_v / n.no_load_speed
-        } else {
-            n.stall / n.supply_v.max(1e-9)
-        }
-    });
-    (nominal * params.get(P::Motor)).max(1e-12)
+    let nominal = problem.runs.first();
+    let nominal = nominal.map_or(1.0, |r| r.nominal.effort_per_a);
+    (nominal * params.get(P::Motor) * params.get(P::Ampere)).max(1e-12)
 }
 
 /// Whether any run measured this channel.

@@ -25,7 +25,7 @@ pub fn stage_of(p: P) -> Stage {
         LoopGain | Damping | SpeedDelay | Deadband | SlewLimit | FeedbackDelay | Lag => {
             Stage::Driver
         }
-        Motor | Resistance | CurrentLimit | TorqueLimit | DerateTime | DerateShare => {
+        Motor | Ampere | Resistance | CurrentLimit | TorqueLimit | DerateTime | DerateShare => {
             Stage::Electrical
         }
         Supply | Sag => Stage::Supply,

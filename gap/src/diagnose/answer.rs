@@ -40,21 +40,32 @@ fn per_run(d: &Diagnosis, params: &Params, ideal: bool, absolute: bool) -> Vec<f
     d.score_runs.iter().map(one).collect()
 }
 
+/// Names of the metrics: RMS and mean absolute position, link, effort.
+fn metric_names(linear: bool) -> [&'static str; 4] {
+    if linear {
+        [
+            "position_rmse_m",
+            "position_mae_m",
+            "link_rmse_m",
+            "effort_rmse_n",
+        ]
+    } else {
+        [
+            "position_rmse_rad",
+            "position_mae_rad",
+            "link_rmse_rad",
+            "effort_rmse_nm",
+        ]
+    }
+}
+
 /// All metrics on the score runs: per run first, then the equal-weight mean.
 pub(super) fn metrics(d: &Diagnosis, params: &Params, ideal: bool) -> BTreeMap<&'static str, f64> {
     let mut out = BTreeMap::new();
-    out.insert(
-        "position_rmse_rad",
-        math::mean(&per_run(d, params, ideal, false)),
-    );
-    out.insert(
-        "position_mae_rad",
-        math::mean(&per_run(d, params, ideal, true)),
-    );
-    for (name, channel) in [
-        ("link_rmse_rad", Channel::Link),
-        ("effort_rmse_nm", Channel::Effort),
-    ] {
+    let [rmse, mae, link, effort] = metric_names(d.problem.linear);
+    out.insert(rmse, math::mean(&per_run(d, params, ideal, false)));
+    out.insert(mae, math::mean(&per_run(d, params, ideal, true)));
+    for (name, channel) in [(link, Channel::Link), (effort, Channel::Effort)] {
         if candidates::measured(&d.problem, channel) {
             let one = |r: &usize| {
                 math::rms(&locate::errors(
@@ -101,12 +112,7 @@ fn gap(d: &Diagnosis, settings: &Settings) -> Gap {
     let share = |a: f64, b: f64| if b > 0.0 { 1.0 - a / b } else { 0.0 };
     let linear = d.problem.linear;
     Gap {
-        metric: if linear {
-            "position_rmse_m"
-        } else {
-            "position_rmse_rad"
-        }
-        .into(),
+        metric: metric_names(linear)[0].into(),
         unit: if linear { "m" } else { "rad" }.into(),
         before,
         after_calibration,

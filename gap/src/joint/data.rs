@@ -17,6 +17,8 @@ pub struct Nominal {
     pub stall: f64,
     /// Speed at which the full supply gives no effort; infinite where effort follows voltage alone.
     pub no_load_speed: f64,
+    /// Effort per ampere.
+    pub effort_per_a: f64,
     /// Supply, V.
     pub supply_v: f64,
     /// Proportional gain, output unit per rad.
@@ -169,10 +171,38 @@ pub fn known(b: &Bench) -> Known {
         stall,
         speed: tolerance(b.max_speed),
         supply: tolerance(b.supply_v),
-        kp: tolerance(c.kp),
+        kp: tolerance(c.kp.filter(|_| c.kind != Some(ControllerKind::Cascade) || c.kv.is_some())),
         kd: tolerance(c.kd.or(c.kv)),
         effort_unit: b.inertia.is_some() || b.gravity.is_some() || stall.is_some(),
     }
+}
+
+/// Gains on the error and on the speed; unknown ones get a reference from which the fit starts.
+fn gains(b: &Bench, output: Output, volts: f64, bandwidth: f64, top_speed: f64) -> (f64, f64) {
+    let c = &b.controller;
+    if c.kind == Some(ControllerKind::Cascade) {
+        let full = match output {
+            Output::Duty => 1.0,
+            Output::Voltage => volts,
+            Output::Effort | Output::Velocity => value(b.max_effort, 1.0),
+        };
+        let kv = value(c.kv, full / top_speed);
+        return (value(c.kp, bandwidth) * kv, kv);
+    }
+    let kp = value(c.kp, 1.0);
+    let otherwise = if damping_unknown(b, output) {
+        kp / bandwidth
+    } else {
+        0.0
+    };
+    (kp, value(c.kd, otherwise))
+}
+
+/// Whether the controller may damp the joint to an unknown degree. A motor on a voltage damps itself, which the fit knows as its top speed.
+fn damping_unknown(b: &Bench, output: Output) -> bool {
+    let c = &b.controller;
+    let given = c.kd.or(c.kv).is_some() || c.kind == Some(ControllerKind::P);
+    b.command == Command::Position && output == Output::Effort && !given
 }
 
 /// Nominal values of one run; unknown ones get a reference from which the fit starts.
@@ -183,31 +213,23 @@ pub fn nominal(b: &Bench) -> Nominal {
     const TOP_SPEED_RAD_S: f64 = 10.0;
     let c = &b.controller;
     // Of a servo that nothing is known of, a motor on a voltage is the best guess: its speed is damped.
-    let unknown = c.kp.is_none() && b.command == Command::Position;
-    let guess = if unknown {
+    let guess = if c.kp.is_none() {
         Output::Duty
     } else {
         Output::Effort
     };
-    let output = c.output.unwrap_or(guess);
+    let output = match b.command {
+        Command::Position => c.output.unwrap_or(guess),
+        Command::Effort => Output::Effort,
+        Command::Voltage => Output::Voltage,
+    };
     let supply_v = value(b.supply_v, 1.0);
     let full_volts = if output == Output::Duty || b.supply_v.is_some() {
         supply_v
     } else {
         1.0
     };
-    let kv = value(c.kv, 0.0);
-    let kp = value(c.kp, 1.0)
-        * if c.kind == Some(ControllerKind::Cascade) {
-            kv
-        } else {
-            1.0
-        };
-    let kd = if c.kind == Some(ControllerKind::Cascade) {
-        kv
-    } else {
-        value(c.kd, 0.0)
-    };
+    let (kp, kd) = gains(b, output, full_volts, BANDWIDTH_RAD_S, TOP_SPEED_RAD_S);
     let inertia = b.inertia.map(|q| q.value);
     // Effort per unit of controller output at full supply.
     let given = b
@@ -240,12 +262,20 @@ pub fn nominal(b: &Bench) -> Nominal {
         Output::Voltage if b.supply_v.is_some() => supply_v,
         _ => f64::INFINITY,
     };
+    // A drive of known voltage and top speed turns amperes into effort as it turns speed into volts.
+    let effort_per_a = match (output, b.supply_v, b.max_speed) {
+        (Output::Duty | Output::Voltage, ..) if emf => full_volts / no_load_speed,
+        (Output::Duty | Output::Voltage, ..) => stall / full_volts.max(1e-9),
+        (_, Some(volts), Some(speed)) => volts.value / speed.value,
+        _ => 1.0,
+    };
     let free = f64::INFINITY;
     Nominal {
         inertia,
         gravity: value(b.gravity, 0.0),
         stall,
         no_load_speed,
+        effort_per_a,
         supply_v: full_volts,
         kp,
         ki: value(c.ki, 0.0),
@@ -273,6 +303,7 @@ fn run_nominal(b: &Bench, reference: &Nominal) -> Nominal {
     let k = known(b);
     if k.stall.is_none() {
         n.stall = reference.stall;
+        n.effort_per_a = reference.effort_per_a;
     }
     if k.inertia.is_none() {
         n.inertia = reference.inertia;
@@ -297,12 +328,31 @@ fn stable_step_s(n: &Nominal) -> f64 {
     PART / damping.max(stiffness).max(1e-3)
 }
 
+/// Median time between positions. Rows of other signals may lie as close together as they like.
+fn row_step_s(recordings: &[Recording], joint: usize) -> f64 {
+    // Positions closer than this are one instant written twice.
+    const SAME_S: f64 = 1e-4;
+    let step = |r: &Recording| {
+        let position = r.joint(joint).and_then(|j| j.get(Signal::Position))?;
+        let rows = r.t_s().iter().zip(position).filter(|(_, p)| p.is_finite());
+        let times: Vec<f64> = rows.map(|(t, _)| *t).collect();
+        let steps: Vec<f64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+        let apart: Vec<f64> = steps.into_iter().filter(|d| *d > SAME_S).collect();
+        (!apart.is_empty()).then(|| math::median(&apart))
+    };
+    let steps: Vec<f64> = recordings.iter().filter_map(step).collect();
+    if steps.is_empty() {
+        return DT_RANGE_S.1;
+    }
+    math::median(&steps)
+}
+
 impl Problem {
     /// Takes joint `joint` out of a data set. `None` if that joint has no position column at all.
     #[must_use]
     pub fn new(manifest: &Manifest, recordings: &[Recording], joint: usize) -> Option<Self> {
         let repeats = files::dataset::repeat_groups(manifest, recordings);
-        let step_s = math::median(&recordings.iter().map(Recording::step_s).collect::<Vec<_>>());
+        let step_s = row_step_s(recordings, joint);
         let mut gaits: Vec<String> = Vec::new();
         let mut runs = Vec::new();
         let mut quantum = 0.0;
@@ -351,10 +401,13 @@ impl Problem {
         let any = runs
             .iter()
             .any(|r: &RunData| r.samples.iter().any(|s| s.measured[0].is_finite()));
+        let mut known = known(&first.bench);
+        let effort = |r: &RunData| r.samples.iter().any(|s| s.measured[5].is_finite());
+        known.effort_unit |= runs.iter().any(effort);
         any.then(|| Self {
             joint,
             dt_s,
-            known: known(&first.bench),
+            known,
             runs,
             gaits,
             linear: manifest.bench.motion == files::dataset::Motion::Linear,
@@ -392,11 +445,13 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
         .or(column(Signal::AppliedSetpoint))
         .unwrap_or_default();
     let position = column(Signal::Position);
+    // Where the controller asks for an effort or a speed, the voltage that gives it is no part of the model.
+    let volts = matches!(nominal.output, Output::Duty | Output::Voltage);
     let channels = [
         position,
         column(Signal::Current),
-        column(Signal::Duty),
-        rec.body().bus_v.as_deref(),
+        column(Signal::Duty).filter(|_| volts),
+        rec.body().bus_v.as_deref().filter(|_| volts),
         column(Signal::LinkPosition),
         column(Signal::Effort),
         column(Signal::AppliedSetpoint).filter(|_| column(Signal::Setpoint).is_some()),
@@ -413,7 +468,12 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
         // The small part keeps a row that falls onto a step in that step.
         let step = (at_s / dt_s + 1e-6) as usize;
         if edges.last().is_none_or(|l| l.enabled != enabled) {
-            let (p, v) = state_near(t, position, column(Signal::Velocity), i);
+            let near = state_near(t, position, column(Signal::Velocity), i);
+            // A run without its response stands where the first set-point says.
+            let asked = |c: &f64| (*c, 0.0);
+            let first = command.iter().skip(i).find(|c| c.is_finite());
+            let first = first.filter(|_| nominal.command == Command::Position);
+            let (p, v) = near.or(first.map(asked)).unwrap_or_default();
             edges.push(Edge {
                 step,
                 enabled,
@@ -461,38 +521,38 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
 }
 
 /// Drops electrical samples that fall onto a set-point edge: whether they were taken before or after it is not known.
-/// Only where edges are rare; a command that changes with every row has no edges to speak of.
+/// Not where (nearly) every row has an edge; nothing would be left.
 fn mask_edges(samples: &mut [Sample], edges_s: &[f64], dt_s: f64) {
-    if edges_s.len() * 3 > samples.len() {
-        return;
-    }
     let mut k = 0;
-    for s in samples {
+    let mut at_edge = |s: &Sample| {
         let t = (s.step as f64 + s.part) * dt_s;
         while k + 1 < edges_s.len() && edges_s[k + 1] < t - 1.5 * dt_s {
             k += 1;
         }
         let near = |e: Option<&f64>| e.is_some_and(|e| (e - t).abs() <= 1.5 * dt_s);
-        if near(edges_s.get(k)) || near(edges_s.get(k + 1)) {
-            for c in [1, 2, 3, 5, 6] {
-                s.measured[c] = f64::NAN;
-            }
+        near(edges_s.get(k)) || near(edges_s.get(k + 1))
+    };
+    let masked: Vec<bool> = samples.iter().map(&mut at_edge).collect();
+    if masked.iter().filter(|m| **m).count() * 3 > 2 * samples.len() {
+        return;
+    }
+    for (s, _) in samples.iter_mut().zip(masked).filter(|(_, m)| *m) {
+        for c in [1, 2, 3, 5, 6] {
+            s.measured[c] = f64::NAN;
         }
     }
 }
 
-/// Position and speed at row `i`: the next sample at or after it, speed measured or from a short difference.
+/// Position and speed at row `i`: the next sample at or after it, speed measured or from a short difference; `None` if there is none.
 fn state_near(
     t: &[f64],
     position: Option<&[f64]>,
     velocity: Option<&[f64]>,
     i: usize,
-) -> (f64, f64) {
+) -> Option<(f64, f64)> {
     let next = |c: &[f64], from: usize| (from..c.len()).find(|k| c[*k].is_finite());
-    let Some(p) = position else { return (0.0, 0.0) };
-    let Some(a) = next(p, i) else {
-        return (0.0, 0.0);
-    };
+    let p = position?;
+    let a = next(p, i)?;
     let v = match velocity.and_then(|v| next(v, i).map(|k| v[k])) {
         Some(v) => v,
         None => next(p, a + 1)
@@ -500,5 +560,5 @@ fn state_near(
             .map_or(0.0, |b| (p[b] - p[a]) / (t[b] - t[a])),
     };
     // A run starts at rest unless the first samples say otherwise beyond a doubt.
-    (p[a], if i == 0 && v.abs() < 0.05 { 0.0 } else { v })
+    Some((p[a], if i == 0 && v.abs() < 0.05 { 0.0 } else { v }))
 }

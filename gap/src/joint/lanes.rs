@@ -83,6 +83,8 @@ struct Model<'a> {
     record_scale: F,
     /// Steps of the controller's speed estimate; `None` where it is exact.
     speed: Option<[f64; LANES]>,
+    /// Ticks of a controller slower than the steps: it holds its output from tick to tick.
+    ticks_per_step: Option<f64>,
     delay_steps: [f64; LANES],
 }
 
@@ -102,12 +104,7 @@ fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> {
     let get = |q: P| lanes(p, |p| p.get(q));
     let any = |q: P| p.iter().any(|p| p.get(q) != Params::neutral(q));
     let volts = n.supply_v.max(1e-9);
-    let kt_nominal = if n.no_load_speed.is_finite() {
-        volts / n.no_load_speed
-    } else {
-        n.stall / volts
-    };
-    let kt = |p: &Params| kt_nominal * p.get(P::Motor);
+    let kt = |p: &Params| n.effort_per_a * p.get(P::Motor) * p.get(P::Ampere);
     let resistance = |p: &Params| p.get(P::Resistance).max(1e-6);
     let inertia = |p: &Params| (n.inertia * p.get(P::Inertia)).max(1e-12);
     let gravity = |p: &Params| n.gravity * p.get(P::Gravity) + p.get(P::Weight);
@@ -184,6 +181,7 @@ fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> {
         record_scale: get(P::RecordScale),
         speed: speed_steps(p, n.period_s, dt),
         delay_steps,
+        ticks_per_step: (n.period_s > 1.5 * dt).then(|| dt / n.period_s),
     }
 }
 
@@ -207,7 +205,8 @@ struct State {
     actuator: F,
     output: F,
     link: F,
-    /// Gravity effort at `q` of the last step.
+    /// Controller output of the last tick.
+    held: F,
     duty: F,
     bus: F,
     effort: F,
@@ -289,6 +288,7 @@ impl State {
             actuator: zero(),
             output: q,
             link: q,
+            held: zero(),
             duty: zero(),
             bus: m.supply,
             effort: zero(),
@@ -351,7 +351,7 @@ impl State {
 }
 
 /// The joint's controller: set-point and encoder to controller output.
-fn control(m: &Model<'_>, s: &mut State, sp: F, run: &RunData) -> F {
+fn control(m: &Model<'_>, s: &mut State, sp: F, run: &RunData, tick: bool) -> F {
     if run.nominal.command != Command::Position {
         return clamp(sp, -m.limit, m.limit);
     }
@@ -361,13 +361,27 @@ fn control(m: &Model<'_>, s: &mut State, sp: F, run: &RunData) -> F {
         s.seen[0] = q;
         dq = s.difference(m, steps);
     }
+    if !tick {
+        return s.held;
+    }
     let mut e = sp - q;
     e -= clamp(e, -m.band, m.band);
     if run.nominal.ki != 0.0 {
         let bound = F::splat(run.nominal.limit / run.nominal.ki.abs());
-        s.integral = clamp(s.integral + e * m.dt, -bound, bound);
+        let period = F::splat(run.nominal.period_s);
+        let period = m.ticks_per_step.map_or(m.dt, |_| period);
+        s.integral = clamp(s.integral + e * period, -bound, bound);
     }
-    clamp(m.kp * e + m.ki * s.integral - m.kd * dq, -m.limit, m.limit)
+    s.held = clamp(m.kp * e + m.ki * s.integral - m.kd * dq, -m.limit, m.limit);
+    s.held
+}
+
+/// Whether the controller takes a new look at `step`.
+fn ticks(m: &Model<'_>, step: usize) -> bool {
+    // The small part keeps a tick that falls onto a step in that step.
+    let count = |step: usize, per_step: f64| (step as f64 * per_step + 1e-6) as usize;
+    m.ticks_per_step
+        .is_none_or(|r| step == 0 || count(step, r) > count(step - 1, r))
 }
 
 /// Motor effort `a - b dq` that the drive gives.
@@ -511,6 +525,7 @@ pub fn simulate_lanes(run: &RunData, params: &[Params], dt_s: f64, trace: &mut V
     let (mut row, mut edge) = (0, 0);
     let mut enabled = true;
     let mut before = Before::of(&m, &s);
+    let mut fresh = true;
     for block in (0..run.steps).step_by(BLOCK) {
         let count = BLOCK.min(run.steps - block);
         commands.fill(block, &mut applied[..count], &mut followed[..count]);
@@ -520,10 +535,13 @@ pub fn simulate_lanes(run: &RunData, params: &[Params], dt_s: f64, trace: &mut V
                 s.restart(e.position, e.velocity, step > 0, dt_s);
                 enabled = e.enabled;
                 before = Before::of(&m, &s);
+                fresh = true;
                 edge += 1;
             }
             let ab = if enabled {
-                let u = control(&m, &mut s, *sp, run);
+                let tick = fresh || ticks(&m, step);
+                fresh = false;
+                let u = control(&m, &mut s, *sp, run, tick);
                 drive(&m, &mut s, u, run.nominal.output)
             } else {
                 (s.duty, s.actuator) = (zero(), zero());

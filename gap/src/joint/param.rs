@@ -20,6 +20,7 @@ params! {
     Gravity = 1.0, "ratio to the nominal gravity effort";
     Weight = 0.0, "gravity effort where the nominal one is unknown";
     Motor = 1.0, "ratio to the nominal motor constant";
+    Ampere = 1.0, "ratio to the nominal effort per ampere, where the controller puts out no voltage";
     Resistance = 1.0, "ratio to the nominal winding resistance";
     Supply = 1.0, "ratio to the nominal supply voltage";
     LoopGain = 1.0, "ratio to the nominal position gain";

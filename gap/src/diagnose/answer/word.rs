@@ -34,8 +34,21 @@ pub(super) fn word(d: &Diagnosis, gap: &Gap, settings: &Settings) -> Word {
     }
 }
 
-/// Probabilities of "none" and "unknown": logistic in how far the data is from each border.
+/// Probabilities of "none" and "unknown". What they leave is the effects'; without effects nothing is left.
 pub(super) fn probabilities(d: &Diagnosis, word: Word, settings: &Settings) -> Probabilities {
+    let p = borders(d, word, settings);
+    if !d.selection.found.is_empty() {
+        return p;
+    }
+    let sum = p.none + p.unknown;
+    Probabilities {
+        none: p.none / sum,
+        unknown: p.unknown / sum,
+    }
+}
+
+/// Logistic in how far the data is from each border.
+fn borders(d: &Diagnosis, word: Word, settings: &Settings) -> Probabilities {
     let logistic = |x: f64| 1.0 / (1.0 + libm::exp(-x));
     // Distances from the two borders, in e-foldings of the cost and of the gain.
     let r = libm::log(remainder(d, settings).max(1e-9) / REMAINDER);
