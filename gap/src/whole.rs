@@ -16,6 +16,7 @@ mod joint_library;
 mod joints;
 mod least;
 mod loads;
+mod open;
 mod page;
 mod patch;
 mod predict;

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::joint_library::{TIMING_S, candidates, coordinates};
+use super::open;
 use super::search::{Answer, Coordinate, Evaluate, Fit, Limits, Search};
 use super::servo::{self, J, JointRun, Nominal, Trace};
 use crate::math;
@@ -294,6 +295,11 @@ impl Tier {
         (xx > 0.0).then(|| (yy / xx).sqrt())
     }
 
+    /// Runs with the gait of each by number.
+    pub(super) fn grouped(&self) -> impl Iterator<Item = (&JointRun, usize)> {
+        self.runs.iter().zip(self.group.iter().copied())
+    }
+
     /// Whether the link was measured.
     pub(super) fn has_link(&self) -> bool {
         self.weight[2] > 0.0
@@ -337,6 +343,8 @@ impl Evaluate for Tier {
 pub(super) struct Found {
     pub(super) tier: Tier,
     pub(super) answer: Answer,
+    /// What is left follows a law that the library does not hold.
+    pub(super) odd: bool,
 }
 
 /// Thresholds of a joint: calibrated on null robots, see docs/diagnosis.md.
@@ -448,7 +456,30 @@ pub(super) fn diagnose(
     let base = search.fit(&base.theta, &[], 3);
     let sure = late(&search, &base, conventions.echo[tier.joint].late_s);
     let answer = search.answer_with(base, nominal, sure);
-    Found { answer, tier }
+    let answer = limited(answer, &tier);
+    let odd = open::law(&tier, &answer.last().theta) > open::LAW;
+    Found { answer, tier, odd }
+}
+
+/// A torque limit that was found, as the measured torque itself shows it: what a joint does beyond its limit hangs on its surroundings, which
+/// a joint by itself does not know.
+fn limited(mut answer: Answer, tier: &Tier) -> Answer {
+    let free = J::MaxTorque as usize;
+    let last = answer.last();
+    let found = last
+        .members
+        .iter()
+        .any(|m| answer.candidates[*m].free.contains(&free));
+    let fitted = last.theta[free] * tier.nominal.max_torque_nm;
+    let per_ampere = last.theta[J::PerAmpere as usize];
+    let shown =
+        JointRun::plateau_nm(&tier.runs).map(|p| p * if tier.ampere { per_ampere } else { 1.0 });
+    // The fit knows the limit to a factor; another plateau is something else.
+    if let Some(nm) = shown.filter(|nm| found && (0.5..2.0).contains(&(nm / fitted))) {
+        let at = answer.steps.len() - 1;
+        answer.steps[at].theta[free] = nm / tier.nominal.max_torque_nm;
+    }
+    answer
 }
 
 /// The latency that the echo shows to a row, and the angle to a millisecond; `None` without one.

@@ -410,11 +410,11 @@ impl<E: Evaluate> Search<'_, E> {
         }
     }
 
-    /// Whether `fit` is much better than `other` without being larger: held-out costs are taken to first order only.
+    /// Whether `fit` is much better than `other` with hardly more numbers: held-out costs are taken to first order only.
     fn plainly(&self, fit: &Fit, other: &Fit) -> bool {
-        const PLAINLY: f64 = 0.7;
-        let size = |f: &Fit| self.free(&f.members).len();
-        fit.cost < PLAINLY * other.cost && size(fit) <= size(other)
+        let more = self.free(&fit.members).len() as f64 - self.free(&other.members).len() as f64;
+        let part = if more <= 0.0 { 0.7 } else { 0.5 };
+        more <= 1.0 && fit.cost < part * other.cost
     }
 
     fn forward(&self, base: &Fit, first: f64) -> Option<Fit> {

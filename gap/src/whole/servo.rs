@@ -86,6 +86,18 @@ pub(super) struct Sample {
     value: f64,
 }
 
+/// What a model leaves of the torque at one instant, with the motion there.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Left {
+    /// Measured less simulated.
+    pub(super) torque_nm: f64,
+    pub(super) angle_rad: f64,
+    pub(super) speed_rad_s: f64,
+    pub(super) load_nm: f64,
+    /// Stop operators of the angle: it moves with it and stays within its width.
+    pub(super) stops_rad: Vec<f64>,
+}
+
 /// One run of one joint, prepared.
 #[derive(Debug, Clone)]
 pub(super) struct JointRun {
@@ -99,6 +111,8 @@ pub(super) struct JointRun {
     twisting: Vec<f64>,
     /// Measured angle at each step.
     path: Vec<f64>,
+    /// Sizes of the measured torque, as it was sampled, N m.
+    strength: Vec<f64>,
     pub(super) position: Vec<Sample>,
     pub(super) effort: Vec<Sample>,
     /// Link less encoder.
@@ -164,12 +178,14 @@ impl JointRun {
                 .map(|(t, v)| v - position.at(*t))
                 .collect(),
         });
+        let strength = effort.map_or_else(Vec::new, |e| e.v.iter().map(|x| x.abs()).collect());
         let effort = effort.map(averaged);
         let twisting = match &effort {
             Some(e) => (0..steps).map(|i| e.at(i as f64 * STEP_S)).collect(),
             None => load.clone(),
         };
         Self {
+            strength,
             twisting,
             events,
             steps,
@@ -202,11 +218,52 @@ impl JointRun {
             .map(|s| (s.value, at(&trace.effort, s), at(&self.load, s)))
     }
 
+    /// What is left at every torque sample, with what may explain it; `widths_rad` are those of the stop operators.
+    pub(super) fn left(&self, trace: &Trace, widths_rad: &[f64]) -> Vec<Left> {
+        // Half of the time over which torques are means, in steps.
+        const HALF: usize = (0.05 / STEP_S) as usize;
+        let mut stops: Vec<f64> = vec![0.0; widths_rad.len()];
+        let mut out = Vec::with_capacity(self.effort.len());
+        let mut next = self.effort.iter().peekable();
+        for (i, q) in self.path.iter().enumerate() {
+            let step = if i == 0 { 0.0 } else { q - self.path[i - 1] };
+            for (stop, width) in stops.iter_mut().zip(widths_rad) {
+                *stop = (*stop + step).clamp(-width, *width);
+            }
+            while let Some(s) = next.next_if(|s| s.at.0 <= i) {
+                let (from, to) = (i.saturating_sub(HALF), (i + HALF).min(self.path.len() - 1));
+                out.push(Left {
+                    torque_nm: s.value - at(&trace.effort, s),
+                    angle_rad: *q,
+                    speed_rad_s: (self.path[to] - self.path[from])
+                        / ((to - from).max(1) as f64 * STEP_S),
+                    load_nm: at(&self.load, s),
+                    stops_rad: stops.clone(),
+                });
+            }
+        }
+        out
+    }
+
     /// Simulated less measured link angle, where the link was measured.
     pub(super) fn link_errors(&self, trace: &Trace) -> Vec<f64> {
         let one =
             |s: &Sample| at(&trace.position, s) + at(&trace.twist, s) - at(&self.path, s) - s.value;
         self.twist.iter().map(one).collect()
+    }
+
+    /// The torque that a limited motor stays at, N m: the middle of the strongest samples; `None` without torque.
+    pub(super) fn plateau_nm(runs: &[Self]) -> Option<f64> {
+        let tops: Vec<f64> = runs
+            .iter()
+            .filter(|r| !r.strength.is_empty())
+            .map(|r| crate::math::quantile(&r.strength, 0.97))
+            .collect();
+        let top = crate::math::quantile(&tops, 0.8);
+        let near = |x: &f64| (*x - top).abs() < 0.1 * top;
+        let all = runs.iter().flat_map(|r| &r.strength).copied();
+        let strongest: Vec<f64> = all.filter(near).collect();
+        (strongest.len() >= 20).then(|| crate::math::median(&strongest))
     }
 
     /// Number of steps.

@@ -128,6 +128,7 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
             gaits: args.gaits,
             seed: args.seed,
             jobs,
+            leave_out: args.leave_one_out,
         };
         return suite.run(context);
     }

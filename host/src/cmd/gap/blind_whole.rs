@@ -135,11 +135,15 @@ struct Places {
 }
 
 impl Places {
-    fn new(output: &Path) -> Outcome<Self> {
+    fn new(output: &Path, leave_out: bool) -> Outcome<Self> {
         let places = Self {
             cases: output.join("whole_cases"),
             labels: output.join("whole_labels"),
-            verdicts: output.join("whole_verdicts"),
+            verdicts: output.join(if leave_out {
+                "whole_verdicts_left_out"
+            } else {
+                "whole_verdicts"
+            }),
         };
         for d in [&places.cases, &places.labels, &places.verdicts] {
             fs::create_dir_all(d).map_err(|e| blind::fail("make", d, e))?;
@@ -176,19 +180,31 @@ impl Places {
         blind::write(&path, &format!("{}\n", label_json(&label)))
     }
 
-    /// Diagnoses one case in a process that is given the case folder and nothing else.
-    fn diagnose(&self, index: usize) -> Outcome {
+    /// The effect to withhold from the diagnosis of a case: that of a single.
+    fn single(&self, index: usize) -> Option<String> {
+        let label = read(&Self::file(&self.labels, index))?;
+        let effect = label["planted"][0]["effect"].as_str();
+        effect
+            .filter(|_| label["kind"] == "single")
+            .map(str::to_owned)
+    }
+
+    /// Diagnoses one case in a process that is given the case folder, and where it is left out the effect that was planted; nothing else.
+    fn diagnose(&self, index: usize, leave_out: bool) -> Outcome {
         let out = Self::file(&self.verdicts, index);
-        if out.exists() {
+        let withheld = self.single(index).filter(|_| leave_out);
+        if out.exists() || (leave_out && withheld.is_none()) {
             return Ok(());
         }
         let program =
             std::env::current_exe().map_err(|e| blind::fail("find", Path::new("rb-host"), e))?;
         let part = out.with_extension("part");
+        let withhold = withheld.map(|effect| ["--withhold".to_owned(), effect]);
         let status = Command::new(&program)
             .arg("--quiet")
             .args(["gap", "report"])
             .arg(self.cases.join(Self::name(index)))
+            .args(withhold.into_iter().flatten())
             .arg("--json-file")
             .arg(&part)
             .env("RAYON_NUM_THREADS", "1")
@@ -214,12 +230,14 @@ pub(super) struct Suite<'a> {
     pub(super) gaits: usize,
     pub(super) seed: u64,
     pub(super) jobs: usize,
+    /// Withhold the planted effect of every single.
+    pub(super) leave_out: bool,
 }
 
 impl Suite<'_> {
     /// Makes, seals, diagnoses, opens and scores; goes on where it stopped.
     pub(super) fn run(&self, context: &Context) -> Outcome {
-        let places = Places::new(self.output)?;
+        let places = Places::new(self.output, self.leave_out)?;
         context.out.say(format_args!(
             "{} whole-robot cases on {} processes",
             self.count, self.jobs
@@ -237,7 +255,7 @@ impl Suite<'_> {
             .say(format_args!("labels sealed: sha256 {seal}"));
         let bar = context.out.progress(self.count as u64, "diagnosing");
         blind::each(self.count, self.jobs, |k| {
-            let done = places.diagnose(k);
+            let done = places.diagnose(k, self.leave_out);
             bar.inc(1);
             done
         })?;
@@ -259,16 +277,26 @@ impl Suite<'_> {
             })
             .collect();
         let missing = self.count - pairs.len();
-        let table = score_whole::table(&pairs);
+        let table = if self.leave_out {
+            score_whole::left_out(&pairs)
+        } else {
+            score_whole::table(&pairs)
+        };
         let mut text = table.markdown();
-        if missing > 0 {
+        // Only singles are left out.
+        if missing > 0 && !self.leave_out {
             let note = format!(
                 "\n{missing} of {} cases got no verdict: their diagnosis failed or was interrupted.\n",
                 self.count
             );
             text.push_str(&note);
         }
-        blind::write(&self.output.join("whole_score.md"), &text)?;
+        let name = if self.leave_out {
+            "whole_score_left_out.md"
+        } else {
+            "whole_score.md"
+        };
+        blind::write(&self.output.join(name), &text)?;
         let value = json!({
             "labels_sha256": seal, "seed": self.seed, "cases": self.count, "without_verdict": missing,
             "rows": table.json(), "failures": table.failures,

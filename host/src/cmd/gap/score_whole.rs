@@ -111,6 +111,13 @@ impl Opened {
         self.truth.iter().any(|(_, joint)| *joint == said)
     }
 
+    /// Whether the best that was found leaves more than two floors.
+    fn far_off(&self) -> bool {
+        let g = &self.verdict["gap"];
+        let floor = g["floor"].as_f64().unwrap_or(f64::INFINITY);
+        g["after"].as_f64().unwrap_or(0.0) > DETECTABLE * floor
+    }
+
     /// Relative error of the first parameter of each rightly named effect.
     fn parameter_errors(&self) -> Vec<f64> {
         let error = |p: &Value| {
@@ -286,6 +293,54 @@ pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
         _ => any(o) && !o.exact(),
     };
     Table::new(rows, all.iter().filter(wrong).map(Opened::told).collect())
+}
+
+/// The figures with the planted effect of every single withheld from the library.
+pub(super) fn left_out(pairs: &[(Value, Value)]) -> Table {
+    let all: Vec<Opened> = pairs.iter().map(Opened::new).collect();
+    let clear: Vec<&Opened> = all.iter().filter(|o| o.floors("floors_any")).collect();
+    let (far, near): (Vec<&Opened>, Vec<&Opened>) =
+        clear.iter().copied().partition(|o| o.far_off());
+    let unknown = |o: &Opened| o.word() == "unknown";
+    let placed = |o: &Opened| o.stage_right() && o.joint_right();
+    let right = |o: &Opened| unknown(o) && placed(o);
+    let equivalent = |o: &Opened| !o.said.is_empty() && placed(o);
+    let wrong = |o: &&&Opened| {
+        if o.far_off() {
+            !right(o)
+        } else {
+            !equivalent(o)
+        }
+    };
+    Table::new(
+        vec![
+            row(
+                "unknown, more than 2 floors left",
+                share(&far, unknown),
+                far.len(),
+                "-",
+            ),
+            row(
+                "unknown, right stage and joint, more than 2 floors left",
+                share(&far, right),
+                far.len(),
+                ">= 0.85",
+            ),
+            row(
+                "something said or unknown, more than 2 floors left",
+                share(&far, |o| o.word() != "none"),
+                far.len(),
+                "-",
+            ),
+            row(
+                "an equivalent with right stage and joint, otherwise",
+                share(&near, equivalent),
+                near.len(),
+                ">= 0.85",
+            ),
+        ],
+        clear.iter().filter(wrong).map(|o| o.told()).collect(),
+    )
 }
 
 fn singles(one: Group<'_>, any: Group<'_>, all: Group<'_>) -> Vec<Row> {

@@ -1,0 +1,112 @@
+//! Is there a law in what is left that the library does not hold?
+//!
+//! The torque that the best model leaves is regressed on general features of the motion: friction that depends on the place, hysteresis (stop
+//! operators of several widths, from which any rate-independent hysteresis is a sum), load by direction, and time; the angle on time.
+//! What predicts the remainder of gaits that it was not fitted on is a law.
+
+use super::joints::Tier;
+use super::least::solve;
+use super::servo::{self, Left, Trace};
+
+/// Share of the remainder of unseen gaits that a feature must predict to be a law.
+///
+/// Emulated robots: at most 0.09 on nulls and known effects, 0.24 and more where a spring yields or friction depends on the place.
+pub(super) const LAW: f64 = 0.15;
+/// Speed below which a direction of motion is none, rad/s.
+const STILL_RAD_S: f64 = 0.05;
+/// Periods per turn that are tried, and widths of stop operators, rad.
+const PERIODS: u32 = 12;
+const WIDTHS_RAD: [f64; 4] = [0.08, 0.16, 0.32, 0.64];
+
+/// One set of features by sample.
+type Features = dyn Fn(&Left) -> Vec<f64>;
+
+/// Share of the squares of `value` in gaits left out that the features predict.
+fn predicted(
+    samples: &[(usize, Left)],
+    groups: usize,
+    value: &dyn Fn(&Left) -> f64,
+    features: &Features,
+) -> f64 {
+    let Some(n) = samples.first().map(|s| features(&s.1).len()) else {
+        return 0.0;
+    };
+    let mut sums = vec![(vec![0.0; n * n], vec![0.0; n]); groups];
+    for (g, s) in samples {
+        let (x, y) = (features(s), value(s));
+        let (a, b) = &mut sums[*g];
+        for i in 0..n {
+            b[i] += x[i] * y;
+            for j in 0..n {
+                a[i * n + j] += x[i] * x[j];
+            }
+        }
+    }
+    let weights: Vec<Vec<f64>> = (0..groups)
+        .map(|left_out| {
+            let (mut a, mut b) = (vec![0.0; n * n], vec![0.0; n]);
+            for (_, s) in sums.iter().enumerate().filter(|s| s.0 != left_out) {
+                a.iter_mut().zip(&s.0).for_each(|(x, y)| *x += y);
+                b.iter_mut().zip(&s.1).for_each(|(x, y)| *x += y);
+            }
+            for i in 0..n {
+                a[i * n + i] = 1.02 * a[i * n + i] + 1e-9;
+            }
+            solve(&a, &b)
+        })
+        .collect();
+    let (mut before, mut after) = (0.0, 0.0);
+    for (g, s) in samples {
+        let y = value(s);
+        let guess: f64 = features(s)
+            .iter()
+            .zip(&weights[*g])
+            .map(|(x, w)| x * w)
+            .sum();
+        before += y * y;
+        after += (y - guess).powi(2);
+    }
+    if before > 0.0 {
+        1.0 - after / before
+    } else {
+        0.0
+    }
+}
+
+/// Direction of motion, 0 at rest.
+fn direction(s: &Left) -> f64 {
+    if s.speed_rad_s.abs() < STILL_RAD_S {
+        0.0
+    } else {
+        s.speed_rad_s.signum()
+    }
+}
+
+/// The largest share of a joint's remainder that any law predicts.
+pub(super) fn law(tier: &Tier, theta: &[f64]) -> f64 {
+    let mut trace = Trace::default();
+    let mut samples: Vec<(usize, Left)> = Vec::new();
+    for (run, group) in tier.grouped() {
+        servo::simulate(run, &tier.nominal, theta, &mut trace);
+        samples.extend(
+            run.left(&trace, &WIDTHS_RAD)
+                .into_iter()
+                .map(|l| (group, l)),
+        );
+    }
+    let groups = samples.iter().map(|s| s.0 + 1).max().unwrap_or(0);
+    if groups < 3 {
+        return 0.0;
+    }
+    let torque = |s: &Left| s.torque_nm;
+    let share = |f: &Features| predicted(&samples, groups, &torque, f);
+    let mut best = share(&|s| s.stops_rad.clone()).max(share(&|s| vec![s.load_nm.abs()]));
+    for k in 1..=PERIODS {
+        let place = move |s: &Left| {
+            let (sin, cos) = libm::sincos(f64::from(k) * s.angle_rad);
+            vec![direction(s) * sin, direction(s) * cos]
+        };
+        best = best.max(share(&place));
+    }
+    best
+}
