@@ -12,6 +12,7 @@ pub mod data;
 mod direct;
 mod echo;
 mod found;
+pub mod inertial;
 mod joint_library;
 mod joints;
 mod least;
@@ -21,11 +22,14 @@ mod page;
 mod patch;
 mod predict;
 mod replay;
+mod rough;
 mod score;
 mod search;
 mod servo;
+mod steady;
 mod terms;
 mod traffic;
+mod turn;
 mod windows;
 
 use std::sync::Arc;
@@ -234,7 +238,9 @@ pub fn diagnose(
     direct.extend(
         loads_together
             .cause(body.as_ref(), &mut replayed)
-            .filter(|r| !settings.withhold.contains(&r.effect) && !named(r.effect)),
+            // Torques grow with friction and weight alike: where the motion shows the friction, they show no mass besides.
+            .filter(|r| !settings.withhold.contains(&r.effect) && !named(r.effect))
+            .filter(|r| r.effect != Effect::Mass || !named(Effect::GroundFriction)),
     );
     if joints.is_empty() && body.is_none() {
         return Err(WholeError::Nothing);

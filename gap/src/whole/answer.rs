@@ -246,7 +246,8 @@ fn places(d: &Parts, items: &[Item], settings: &Settings) -> Vec<Where> {
             .joints
             .iter()
             .any(|j| j.odd && Some(j.tier.joint) == f.joint);
-        let key = if math::mean(&f.left) > REMAINDER || odd {
+        let unsteady = f.stage_of_rest == Stage::Body && unsteady(d);
+        let key = if math::mean(&f.left) > REMAINDER || odd || unsteady {
             (f.stage_of_rest.name().to_string(), f.joint)
         } else {
             ("unexplained".into(), None)
@@ -328,9 +329,15 @@ fn remainder(d: &Parts) -> (f64, f64) {
     }
 }
 
+/// Whether the ground does not stay the same during a run.
+fn unsteady(d: &Parts) -> bool {
+    d.body.as_ref().is_some_and(|b| b.unsteady)
+}
+
 /// Whether something follows a law that the library does not hold, and the least share explained of a joint that keeps a remainder.
 fn unexplained(d: &Parts) -> (bool, f64) {
-    let odd = d.conventions.echo.iter().any(|e| e.odd) || d.joints.iter().any(|f| f.odd);
+    let odd =
+        d.conventions.echo.iter().any(|e| e.odd) || d.joints.iter().any(|f| f.odd) || unsteady(d);
     let share = |a: &search::Answer| {
         let excess = |cost: f64| (cost - 1.0).max(0.0);
         1.0 - excess(a.last().cost) / excess(math::mean(&a.nominal_groups)).max(1e-12)

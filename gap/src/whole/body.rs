@@ -9,6 +9,7 @@ use super::body_library::{candidates, coordinates};
 use super::data::{Data, JOINTS};
 use super::search::{Answer, Evaluate, Limits, Search};
 use super::windows::{self, LinkMap, PERIOD_S, Window};
+use super::{inertial, turn};
 use crate::math;
 use crate::vocabulary::Effect;
 
@@ -27,6 +28,10 @@ pub(super) enum B {
     AnisotropyCos,
     /// Sine part.
     AnisotropySin,
+    /// The same where the friction across the direction is the lower one.
+    AnisotropyLessCos,
+    /// Sine part.
+    AnisotropyLessSin,
     /// Torsional friction, m.
     Torsion,
     /// Roll of the ground, rad.
@@ -49,7 +54,7 @@ pub(super) enum B {
     ConnectorPlay,
 }
 
-pub(super) const BODY: usize = 16;
+pub(super) const BODY: usize = 18;
 /// Coordinates of joint `k`: offset, ratio, play, flex.
 pub(super) fn of_joint(k: usize, what: usize) -> usize {
     BODY + 4 * k + what
@@ -65,12 +70,15 @@ pub(super) const WINDOW_S: f64 = 1.0;
 const SAMPLES: usize = 4;
 /// Most seconds of windows that are fitted.
 const FIT_S: f64 = 150.0;
-/// Error of the base position that two honest engines make in a window, m and share of the way: measured between time steps of
-/// 1 and 4 ms (docs/physics.md: 2 mm after 1 s at the median).
-const MODEL_M: f64 = 1.0e-3;
-const MODEL_SHARE: f64 = 0.03;
-/// The same for the attitude, rad.
-const MODEL_RAD: f64 = 6.0e-3;
+/// Error of a compared pose beyond that of its start and of the time step: m, share of the way, rad. With the inertial sensor: residues
+/// of the pose and of contacts; emulated robots without a cause leave a cost of 1.4 to 2 with these. Without: two honest engines
+/// (docs/physics.md: 2 mm after 1 s at the median).
+const FLOOR: [f64; 3] = [0.6e-3, 0.01, 2.5e-3];
+const FLOOR_BLIND: [f64; 3] = [1.0e-3, 0.03, 6.0e-3];
+/// Least gains of an effect, as shares of the excess and of the held-out cost, with the inertial sensor and without: about twice what
+/// a candidate gains on robots without a cause.
+const GAINS: [f64; 2] = [0.10, 0.10];
+const GAINS_BLIND: [f64; 2] = [0.12, 0.18];
 /// Windows whose end moves by more than this under a disturbed start are left out, m: they are about to tip.
 const CHAOTIC_M: f64 = 0.02;
 
@@ -81,38 +89,28 @@ struct Target {
     tolerance: [f64; 6],
 }
 
+/// Numbers compared in a window.
+pub(super) const NUMBERS: usize = 6 * SAMPLES;
+/// Directions in which the start of a window may be wrong: pose and twist.
+const STARTS: usize = 12;
+
 /// Windows and what was measured in them.
 pub(super) struct Tier {
     base: Params,
     model: Model,
-    windows: Vec<Window>,
+    pub(super) windows: Vec<Window>,
     targets: Vec<[Target; SAMPLES]>,
-    group: Vec<usize>,
-    groups: usize,
+    /// Lower factor of the covariance of the numbers of each window, row by row.
+    factors: Vec<Vec<f64>>,
+    pub(super) group: Vec<usize>,
+    pub(super) groups: usize,
     pub(super) maps: [LinkMap; JOINTS],
     pub(super) order: [usize; JOINTS],
     link_measured: bool,
+    /// Roll and pitch of the ground as the inertial sensor shows them.
+    slope: Option<[f64; 2]>,
     /// Windows left out because they tip.
     pub(super) chaotic: usize,
-}
-
-fn conjugate_times(a: [f64; 4], b: [f64; 4]) -> [f64; 4] {
-    // b a*: from a to b in world axes.
-    let [aw, ax, ay, az] = [a[0], -a[1], -a[2], -a[3]];
-    let [bw, bx, by, bz] = b;
-    [
-        bw * aw - bx * ax - by * ay - bz * az,
-        bw * ax + bx * aw + by * az - bz * ay,
-        bw * ay - bx * az + by * aw + bz * ax,
-        bw * az + bx * ay - by * ax + bz * aw,
-    ]
-}
-
-/// Rotation vector from attitude `a` to `b`, small angles.
-fn rotation(a: [f64; 4], b: [f64; 4]) -> [f64; 3] {
-    let q = conjugate_times(a, b);
-    let s = if q[0] < 0.0 { -2.0 } else { 2.0 };
-    [s * q[1], s * q[2], s * q[3]]
 }
 
 fn sample_index(i: usize) -> usize {
@@ -151,84 +149,118 @@ impl Tier {
             base: Params::clone(params),
             model: model.clone(),
             targets: Vec::new(),
+            factors: Vec::new(),
             groups: names.len(),
             group,
             windows,
             maps: [LinkMap::default(); JOINTS],
             order: std::array::from_fn(|k| k),
             link_measured: (0..JOINTS).all(|k| data.has(k, |j| j.link.is_some())),
+            slope: inertial::slope(data),
             chaotic: 0,
         };
-        out.measure(data);
+        let mut theta: Vec<f64> = coordinates(model).iter().map(|c| c.neutral).collect();
+        if let Some([roll, pitch]) = out.slope {
+            (theta[B::Roll as usize], theta[B::Pitch as usize]) = (roll, pitch);
+        }
+        out.measure(data, &theta);
         Some(out)
     }
 
-    /// Takes measured poses and finds out how sharply each window depends on its start.
-    fn measure(&mut self, data: &Data) {
-        let coordinates = coordinates(&self.model);
-        let theta: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
-        let nominal = windows::run(&self.trials(&theta), &windows::options(false));
-        let disturbed: Vec<Vec<Outcome>> = (0..3)
-            .map(|d| {
-                let mut trials = self.trials(&theta);
-                for t in &mut trials {
-                    disturb(t, d);
-                }
-                windows::run(&trials, &windows::options(false))
-            })
-            .collect();
-        let mut keep = Vec::new();
-        let mut targets = Vec::new();
-        for (w, window) in self.windows.iter().enumerate() {
-            let of = |d: usize| &disturbed[d][w];
-            let target = |i: usize| -> Option<Target> {
-                let (p, q) = simulated(&nominal[w], i)?;
-                let base = data.runs[window.run].base.as_ref()?;
-                let at = window.from_s + sample_index(i) as f64 * PERIOD_S;
-                let measured = windows::base_state(base, at)?.0;
-                let start = windows::base_state(base, window.from_s)?.0;
-                let mp = measured.position_m.map(f64::from);
-                let way = (0..3)
-                    .map(|k| (mp[k] - f64::from(start.position_m[k])).powi(2))
-                    .sum::<f64>()
-                    .sqrt();
-                let mut tolerance = [0.0; 6];
-                for d in 0..3 {
-                    let (pd, qd) = simulated(of(d), i)?;
-                    let r = rotation(q, qd);
-                    for k in 0..3 {
-                        tolerance[k] += (pd[k] - p[k]).powi(2) / 3.0;
-                        tolerance[3 + k] += r[k] * r[k] / 3.0;
-                    }
-                }
-                if tolerance[..3].iter().sum::<f64>().sqrt() > CHAOTIC_M {
-                    return None;
-                }
-                for (k, t) in tolerance.iter_mut().enumerate() {
-                    let model = if k < 3 {
-                        MODEL_M + MODEL_SHARE * way
-                    } else {
-                        MODEL_RAD
-                    };
-                    *t = (*t + model * model).sqrt();
-                }
-                Some(Target {
-                    pose: (mp, measured.quaternion.map(f64::from)),
-                    tolerance,
-                })
-            };
-            let all: Option<Vec<Target>> = (0..SAMPLES).map(target).collect();
-            match all.and_then(|v| <[Target; SAMPLES]>::try_from(v).ok()) {
-                Some(t) => {
-                    targets.push(t);
-                    keep.push(w);
+    /// Takes measured poses and finds out how each window depends on its start and on the time step.
+    fn measure(&mut self, data: &Data, theta: &[f64]) {
+        let plain = windows::options(false);
+        let nominal = windows::run(&self.trials(theta), &plain);
+        let fine = physics::Options {
+            time_step_s: 0.5 * plain.time_step_s,
+            ..plain
+        };
+        let mut others = vec![windows::run(&self.trials(theta), &fine)];
+        for d in 0..STARTS {
+            let mut trials = self.trials(theta);
+            for (t, w) in trials.iter_mut().zip(&self.windows) {
+                let base = data.runs[w.run].base.as_ref();
+                disturb(t, d, base.is_some_and(|b| b.reckoned.is_some()));
+            }
+            others.push(windows::run(&trials, &plain));
+        }
+        let mut kept = (Vec::new(), Vec::new(), Vec::new());
+        for w in 0..self.windows.len() {
+            let of: Vec<&Outcome> = others.iter().map(|o| &o[w]).collect();
+            match self.target(data, w, &nominal[w], &of) {
+                Some((targets, factor)) => {
+                    kept.0.push(w);
+                    kept.1.push(targets);
+                    kept.2.push(factor);
                 }
                 None => self.chaotic += 1,
             }
         }
-        self.windows = keep.iter().map(|w| self.windows[*w].clone()).collect();
-        self.group = keep.iter().map(|w| self.group[*w]).collect();
-        self.targets = targets;
+        self.windows = kept.0.iter().map(|w| self.windows[*w].clone()).collect();
+        self.group = kept.0.iter().map(|w| self.group[*w]).collect();
+        (self.targets, self.factors) = (kept.1, kept.2);
+    }
+
+    /// What a window is compared with, and the factor of its covariance; `None` where it tips.
+    fn target(
+        &self,
+        data: &Data,
+        w: usize,
+        nominal: &Outcome,
+        others: &[&Outcome],
+    ) -> Option<([Target; SAMPLES], Vec<f64>)> {
+        let window = &self.windows[w];
+        let base = data.runs[window.run].base.as_ref()?;
+        let start = windows::base_state(base, window.from_s)?.0;
+        let columns: Vec<Vec<f64>> = others
+            .iter()
+            .map(|o| numbers(nominal, o))
+            .collect::<Option<_>>()?;
+        let mut covariance = vec![0.0; NUMBERS * NUMBERS];
+        for c in &columns {
+            for i in 0..NUMBERS {
+                for j in 0..NUMBERS {
+                    covariance[i * NUMBERS + j] += c[i] * c[j];
+                }
+            }
+        }
+        let floor = if base.reckoned.is_some() {
+            FLOOR
+        } else {
+            FLOOR_BLIND
+        };
+        let mut targets = Vec::with_capacity(SAMPLES);
+        for i in 0..SAMPLES {
+            let at = window.from_s + sample_index(i) as f64 * PERIOD_S;
+            let measured = windows::base_state(base, at)?.0;
+            let way = (0..3)
+                .map(|k| f64::from(measured.position_m[k] - start.position_m[k]).powi(2))
+                .sum::<f64>()
+                .sqrt();
+            let mut tolerance = [0.0; 6];
+            for (k, t) in tolerance.iter_mut().enumerate() {
+                let floor = if k < 3 {
+                    floor[0] + floor[1] * way
+                } else {
+                    floor[2]
+                };
+                let own = &mut covariance[(6 * i + k) * (NUMBERS + 1)];
+                *own += floor * floor;
+                *t = own.sqrt();
+            }
+            if tolerance[..3].iter().map(|x| x * x).sum::<f64>().sqrt() > CHAOTIC_M {
+                return None;
+            }
+            targets.push(Target {
+                pose: (
+                    measured.position_m.map(f64::from),
+                    measured.quaternion.map(f64::from),
+                ),
+                tolerance,
+            });
+        }
+        let factor = super::least::factor(&covariance, NUMBERS);
+        Some((targets.try_into().ok()?, factor))
     }
 
     /// Tolerance of the position at the end of a window, m: a disturbed start and another engine.
@@ -278,11 +310,8 @@ impl Tier {
         for (i, m) in p.half_masses_kg.iter_mut().enumerate() {
             *m *= 1.0 + get(B::Gradient) * (2.0 * i as f64 / last - 1.0);
         }
-        let (c, s) = (get(B::AnisotropyCos), get(B::AnisotropySin));
-        let strength = c.hypot(s);
-        if strength > 0.0 {
-            p.anisotropy_ratio = libm::exp(strength);
-            p.anisotropy_direction_rad = 0.5 * libm::atan2(s, c);
+        if let Some((ratio, direction_rad)) = anisotropy(theta) {
+            (p.anisotropy_ratio, p.anisotropy_direction_rad) = (ratio, direction_rad);
         }
         p.torsional_m = get(B::Torsion);
         let tilt = tilted(get(B::Roll), get(B::Pitch));
@@ -318,7 +347,7 @@ impl Tier {
         for ((o, t), g) in outcomes.iter().zip(&self.targets).zip(&self.group) {
             let last = &t[SAMPLES - 1];
             if let Some((p, q)) = simulated(o, SAMPLES - 1) {
-                let r = rotation(last.pose.1, q);
+                let r = turn::between(last.pose.1, q);
                 let d: f64 = (0..3).map(|k| (p[k] - last.pose.0[k]).powi(2)).sum();
                 sums[*g][0] += d;
                 sums[*g][1] += r[2] * r[2];
@@ -332,6 +361,17 @@ impl Tier {
     }
 }
 
+/// Ratio and direction of an anisotropic friction; `None` where it is the same all around.
+pub(super) fn anisotropy(theta: &[f64]) -> Option<(f64, f64)> {
+    let polar = |c: B, s: B, sign: f64| {
+        let (c, s) = (theta[c as usize], theta[s as usize]);
+        let strength = c.hypot(s);
+        (strength > 0.0).then(|| (libm::exp(sign * strength), 0.5 * libm::atan2(s, c)))
+    };
+    polar(B::AnisotropyCos, B::AnisotropySin, 1.0)
+        .or_else(|| polar(B::AnisotropyLessCos, B::AnisotropyLessSin, -1.0))
+}
+
 /// Gravity in the frame of a ground turned by `roll` about x, then by `pitch` about y.
 fn tilted(roll_rad: f64, pitch_rad: f64) -> [f64; 3] {
     let (sr, cr) = libm::sincos(roll_rad);
@@ -340,13 +380,46 @@ fn tilted(roll_rad: f64, pitch_rad: f64) -> [f64; 3] {
     [g * sp, -g * cp * sr, -g * cp * cr]
 }
 
-/// Start states as wrong as a tracker's: 0.5 mm, 4 mrad, 10 mm/s.
-fn disturb(trial: &mut Trial, which: usize) {
+/// Errors of a start, one standard deviation. With the inertial sensor: residues of its lines through the tracked samples; angular
+/// velocity as noisy as the gyro of a phone. Without: a robot that shakes turns otherwise than a parabola through 0.3 s.
+fn disturb(trial: &mut Trial, which: usize, inertial: bool) {
+    let (m, rad) = (4e-4, if inertial { 2e-3 } else { 4e-3 });
+    let (m_s, rad_s) = if inertial { (6e-3, 0.02) } else { (1e-2, 0.1) };
     if let physics::Start::State { base, twist, .. } = &mut trial.start {
-        let sign = [1.0f32, -1.0, 1.0][which];
-        base.position_m[2] += 5e-4 * sign;
-        base.quaternion[1 + which % 2] += 2e-3 * sign;
-        twist.linear_m_s[which % 3] += 0.01 * sign;
+        let k = which % 3;
+        match which / 3 {
+            0 => base.position_m[k] += m,
+            1 => {
+                let mut step = [0.0; 3];
+                step[k] = rad;
+                let q = base.quaternion.map(f64::from);
+                base.quaternion = turn::times(turn::exp(step), q).map(|x| x as f32);
+            }
+            2 => twist.linear_m_s[k] += m_s,
+            _ => twist.angular_rad_s[k] += rad_s,
+        }
+    }
+}
+
+/// Poses of `o` less those of `from` at the instants compared.
+fn numbers(from: &Outcome, o: &Outcome) -> Option<Vec<f64>> {
+    let mut out = Vec::with_capacity(NUMBERS);
+    for i in 0..SAMPLES {
+        let ((p, q), (pd, qd)) = (simulated(from, i)?, simulated(o, i)?);
+        out.extend((0..3).map(|k| pd[k] - p[k]));
+        out.extend(turn::between(q, qd));
+    }
+    out.iter().all(|x| x.is_finite()).then_some(out)
+}
+
+/// Mean square of a window's errors above which it counts by its logarithm alone: a body that rests on an edge falls to either side.
+const TEMPERED: f64 = 4.0;
+
+fn temper(errors: &mut [f64]) {
+    let mean = errors.iter().map(|x| x * x).sum::<f64>() / errors.len() as f64;
+    if mean > TEMPERED {
+        let scale = (TEMPERED * (1.0 + libm::log(mean / TEMPERED)) / mean).sqrt();
+        errors.iter_mut().for_each(|x| *x *= scale);
     }
 }
 
@@ -354,17 +427,22 @@ impl Evaluate for Tier {
     fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>> {
         let outcomes = windows::run(&self.trials(theta), &windows::options(false));
         let mut out = vec![Vec::new(); self.groups];
-        for ((o, targets), g) in outcomes.iter().zip(&self.targets).zip(&self.group) {
+        let compared = outcomes.iter().zip(&self.targets).zip(&self.factors);
+        for (((o, targets), factor), g) in compared.zip(&self.group) {
+            let mut errors = Vec::with_capacity(NUMBERS);
             for (i, t) in targets.iter().enumerate() {
-                let Some((p, q)) = simulated(o, i).filter(|_| o.not_finite.is_none()) else {
-                    // A simulation that broke down is as wrong as can be.
-                    out[*g].extend([10.0; 6]);
-                    continue;
-                };
-                let r = rotation(t.pose.1, q);
-                let off = [0, 1, 2].map(|k: usize| p[k] - t.pose.0[k]);
-                let errors = off.iter().chain(&r).zip(&t.tolerance);
-                out[*g].extend(errors.map(|(e, tolerance)| e / tolerance));
+                if let Some((p, q)) = simulated(o, i).filter(|_| o.not_finite.is_none()) {
+                    errors.extend((0..3).map(|k| p[k] - t.pose.0[k]));
+                    errors.extend(turn::between(t.pose.1, q));
+                }
+            }
+            if errors.len() == NUMBERS {
+                super::least::whiten(factor, &mut errors);
+                temper(&mut errors);
+                out[*g].extend(errors);
+            } else {
+                // A simulation that broke down is as wrong as can be.
+                out[*g].extend([10.0; NUMBERS]);
             }
         }
         out
@@ -375,6 +453,8 @@ impl Evaluate for Tier {
 pub(super) struct Found {
     pub(super) tier: Tier,
     pub(super) answer: Answer,
+    /// Whether the ground's friction is another one late in a run than early.
+    pub(super) unsteady: bool,
 }
 
 impl Found {
@@ -436,15 +516,39 @@ fn conventions(tier: &mut Tier, theta: &[f64]) {
 
 /// Diagnoses the body.
 pub(super) fn diagnose(mut tier: Tier, withhold: &[Effect]) -> Found {
-    let coordinates = coordinates(&tier.model);
+    let mut coordinates = coordinates(&tier.model);
     let mut candidates = candidates(tier.link_measured);
     candidates.retain(|c| !withhold.contains(&c.effect));
     let nominal: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
-    conventions(&mut tier, &nominal);
+    let mut start = nominal.clone();
+    let sloped = tier.slope.filter(|s| steep(*s));
+    if let Some(slope) = tier.slope {
+        // What the sensor shows stands; only its own error is left to the windows.
+        for (b, x) in [B::Roll, B::Pitch].into_iter().zip(slope) {
+            let c = &mut coordinates[b as usize];
+            c.range = [x - inertial::SLOPE_RAD, x + inertial::SLOPE_RAD];
+            if sloped.is_some() {
+                start[b as usize] = x;
+            }
+        }
+        candidates.retain(|c| c.effect != Effect::GroundSlope || sloped.is_some());
+        for c in candidates
+            .iter_mut()
+            .filter(|c| c.effect == Effect::GroundSlope)
+        {
+            c.starts = vec![slope.to_vec()];
+        }
+    }
+    conventions(&mut tier, &start);
+    let [share, relative] = if tier.slope.is_some() {
+        GAINS
+    } else {
+        GAINS_BLIND
+    };
     let limits = Limits {
-        share: 0.12,
+        share,
         least: 0.1,
-        relative: 0.18,
+        relative,
         of_first: 0.03,
         floor: 1.0,
         // A window is one independent trial of the body.
@@ -453,6 +557,7 @@ pub(super) fn diagnose(mut tier: Tier, withhold: &[Effect]) -> Found {
         beyond: 3.0,
         refined: 4,
         iterations: 3,
+        rough: true,
     };
     let search = Search {
         model: &tier,
@@ -460,7 +565,23 @@ pub(super) fn diagnose(mut tier: Tier, withhold: &[Effect]) -> Found {
         candidates: &candidates,
         limits,
     };
+    let known = candidates
+        .iter()
+        .position(|c| c.effect == Effect::GroundSlope);
+    let first = known
+        .filter(|_| sloped.is_some())
+        .map(|c| search.fit(&start, &[c], 3));
     let base = search.fit(&nominal, &[], 3);
-    let answer = search.answer(base, nominal);
-    Found { answer, tier }
+    let answer = search.answer_with(base, nominal, first);
+    let unsteady = tier.unsteady(&answer.last().theta);
+    Found {
+        unsteady,
+        answer,
+        tier,
+    }
+}
+
+/// Whether a slope is more than the sensor's error.
+fn steep(slope: [f64; 2]) -> bool {
+    slope.iter().any(|x| x.abs() > 3.0 * inertial::SLOPE_RAD)
 }

@@ -53,13 +53,17 @@ pub(super) fn coordinates(model: &Model) -> Vec<Coordinate> {
     );
     set(B::AnisotropyCos, c(0.0, 0.0, 0.1, [-4.0, 4.0]));
     set(B::AnisotropySin, c(0.0, 0.0, 0.1, [-4.0, 4.0]));
+    set(B::AnisotropyLessCos, c(0.0, 0.0, 0.1, [-4.0, 4.0]));
+    set(B::AnisotropyLessSin, c(0.0, 0.0, 0.1, [-4.0, 4.0]));
     set(B::Torsion, c(0.0, 0.0, 0.003, [0.0, 1.0]));
     set(B::Roll, c(0.0, 0.0, 0.01, [-1.0, 1.0]));
     set(B::Pitch, c(0.0, 0.0, 0.01, [-1.0, 1.0]));
     set(B::GroundGive, c(0.0, 0.0, 3e-5, [0.0, 0.1]));
     set(B::GroundDamping, c(50.0, 0.0, 20.0, [1.0, 1e5]));
+    // Two half-spheres half an edge away from the middle that differ within their tolerances shift the centre by this much.
+    let shift = 0.5 * model.value(Key::Cube) * mass.tolerance / mass.value / 2.0_f64.sqrt();
     for b in [B::ComX, B::ComY, B::ComZ] {
-        set(b, c(0.0, 0.0, 0.005, [-0.3, 0.3]));
+        set(b, c(0.0, shift, 0.005, [-0.3, 0.3]));
     }
     set(B::ConnectorGive, c(0.0, 0.0, 0.005, [0.0, 1.0]));
     set(B::ConnectorPlay, c(0.0, 0.0, 0.005, [0.0, 0.5]));
@@ -86,13 +90,14 @@ pub(super) fn candidates(link_measured: bool) -> Vec<Candidate> {
     let b = |b: B| b as usize;
     let give = [b(B::GroundGive), b(B::GroundDamping)];
     let turn = [b(B::AnisotropyCos), b(B::AnisotropySin)];
+    let less = [b(B::AnisotropyLessCos), b(B::AnisotropyLessSin)];
     let com = [b(B::ComX), b(B::ComY), b(B::ComZ)];
     let mut out = vec![
         candidate(
             Effect::GroundFriction,
             None,
             &[b(B::Friction)],
-            &[&[0.3], &[0.6], &[1.7]],
+            &[&[0.3], &[0.6], &[0.8], &[1.3], &[1.8]],
         ),
         candidate(
             Effect::Restitution,
@@ -104,6 +109,12 @@ pub(super) fn candidates(link_measured: bool) -> Vec<Candidate> {
             Effect::FrictionAnisotropy,
             None,
             &turn,
+            &[&[0.5, 0.0], &[-0.5, 0.0], &[0.0, 0.5], &[0.0, -0.5]],
+        ),
+        candidate(
+            Effect::FrictionAnisotropy,
+            None,
+            &less,
             &[&[0.5, 0.0], &[-0.5, 0.0], &[0.0, 0.5], &[0.0, -0.5]],
         ),
         candidate(
@@ -128,7 +139,14 @@ pub(super) fn candidates(link_measured: bool) -> Vec<Candidate> {
             Effect::ComOffset,
             None,
             &com,
-            &[&[0.005, 0.005, 0.005], &[-0.01, -0.01, -0.01]],
+            &[
+                &[0.01, 0.0, 0.0],
+                &[-0.01, 0.0, 0.0],
+                &[0.0, 0.01, 0.0],
+                &[0.0, -0.01, 0.0],
+                &[0.0, 0.0, 0.01],
+                &[0.0, 0.0, -0.01],
+            ],
         ),
         candidate(
             Effect::ConnectorCompliance,

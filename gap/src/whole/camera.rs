@@ -386,6 +386,7 @@ pub(super) fn diagnose(
         beyond: 3.0,
         refined: 4,
         iterations: 4,
+        rough: false,
     };
     let search = Search {
         model: &tier,

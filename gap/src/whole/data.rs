@@ -2,6 +2,8 @@
 
 use files::dataset::{Manifest, Recording, Role, Signal, repeat_groups};
 
+use super::inertial::{Inertial, Reckoned};
+
 /// Joints of the meta-module.
 pub const JOINTS: usize = 6;
 
@@ -134,6 +136,8 @@ pub struct JointTracks {
 /// Pose of body 3 over time.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct BaseTrack {
+    /// The inertial sensor laid onto the pose, where there is one and it helps.
+    pub reckoned: Option<Reckoned>,
     /// Times, s.
     pub t_s: Vec<f64>,
     /// x, y, z.
@@ -234,7 +238,11 @@ fn base(r: &Recording) -> Option<BaseTrack> {
             track.v.push(x);
         }
     }
-    (out.t_s.len() >= 5).then_some(out)
+    if out.t_s.len() < 5 {
+        return None;
+    }
+    out.reckoned = Inertial::new(r).and_then(|sensor| Reckoned::new(&sensor, &out));
+    Some(out)
 }
 
 impl Data {

@@ -166,15 +166,11 @@ fn body_parameters(
         Effect::FrictionAnisotropy => vec![
             (
                 "ratio",
-                Box::new(|t: &[f64]| {
-                    libm::exp(t[B::AnisotropyCos as usize].hypot(t[B::AnisotropySin as usize]))
-                }),
+                Box::new(|t: &[f64]| body::anisotropy(t).map_or(1.0, |a| a.0)),
             ),
             (
                 "direction_rad",
-                Box::new(|t: &[f64]| {
-                    0.5 * libm::atan2(t[B::AnisotropySin as usize], t[B::AnisotropyCos as usize])
-                }),
+                Box::new(|t: &[f64]| body::anisotropy(t).map_or(0.0, |a| a.1)),
             ),
         ],
         Effect::TorsionalFriction => vec![("coefficient_m", get(B::Torsion))],
@@ -368,6 +364,10 @@ pub(super) fn items(d: &Parts) -> Vec<Item> {
                 ..convention(Effect::FrameDrop, None, "probability", p)
             });
         }
+    }
+    if d.body.as_ref().is_some_and(|b| b.unsteady) {
+        // A friction that changes during a run is none of the library's.
+        out.retain(|i| i.effect != Effect::GroundFriction);
     }
     one_clock(out)
 }

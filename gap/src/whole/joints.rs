@@ -278,10 +278,12 @@ impl Tier {
         }
     }
 
-    /// Measured torque less the friction found, over the replayed load: ratio of their sizes; `None` without torque. Both hold errors of one
-    /// size, so that neither regression is right and their ratio is (on null robots 0.95 to 1.05).
-    pub(super) fn load_ratio(&self, theta: &[f64]) -> Option<f64> {
-        let (mut yy, mut xx) = (0.0, 0.0);
+    /// Measured torque less the friction found, over the replayed load; `None` without torque. Where windows start from an inertial
+    /// sensor's speeds the replay chatters and the measured torque does not, so the load is what regresses (on null robots 0.95 to
+    /// 1.01 as median over the joints); else both hold errors of one size, so that neither regression is right and their ratio is
+    /// (0.95 to 1.05).
+    pub(super) fn load_ratio(&self, theta: &[f64], inertial: bool) -> Option<f64> {
+        let (mut yy, mut xy, mut xx) = (0.0, 0.0, 0.0);
         let mut trace = Trace::default();
         for run in &self.runs {
             servo::simulate(run, &self.nominal, theta, &mut trace);
@@ -289,10 +291,16 @@ impl Tier {
                 let friction = simulated - theta[J::Load as usize] * load;
                 let y = measured * theta[J::PerAmpere as usize] - friction;
                 yy += y * y;
+                xy += y * load;
                 xx += load * load;
             }
         }
-        (xx > 0.0).then(|| (yy / xx).sqrt())
+        let ratio = if inertial {
+            (xy > 0.0).then(|| yy / xy)
+        } else {
+            (xx > 0.0).then(|| (yy / xx).sqrt())
+        };
+        ratio.filter(|r| r.is_finite())
     }
 
     /// Runs with the gait of each by number.
@@ -366,6 +374,7 @@ fn limits(tier: &Tier) -> Limits {
         beyond: 3.0,
         refined: 6,
         iterations: 8,
+        rough: false,
     }
 }
 

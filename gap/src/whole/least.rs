@@ -34,11 +34,9 @@ pub(super) fn group_costs(residuals: &[Vec<f64>]) -> Vec<f64> {
     residuals.iter().map(one).collect()
 }
 
-/// Solves `a x = b` for a symmetric positive matrix; zeros where it is singular or holds a value that is no number.
-pub(super) fn solve(a: &[f64], b: &[f64]) -> Vec<f64> {
-    let n = b.len();
+/// Lower triangular factor of a symmetric positive matrix of `n` rows.
+pub(super) fn factor(a: &[f64], n: usize) -> Vec<f64> {
     let mut l = a.to_vec();
-    let mut x = b.to_vec();
     for j in 0..n {
         let tiny = 1e-12 * a[j * n + j].abs().max(1e-30);
         for k in 0..j {
@@ -54,12 +52,26 @@ pub(super) fn solve(a: &[f64], b: &[f64]) -> Vec<f64> {
             l[i * n + j] /= d;
         }
     }
+    l
+}
+
+/// Divides errors by the factor `l` of their covariance: what remains is independent and of size one.
+pub(super) fn whiten(l: &[f64], x: &mut [f64]) {
+    let n = x.len();
     for i in 0..n {
         for k in 0..i {
             x[i] -= l[i * n + k] * x[k];
         }
         x[i] /= l[i * n + i];
     }
+}
+
+/// Solves `a x = b` for a symmetric positive matrix; zeros where it is singular or holds a value that is no number.
+pub(super) fn solve(a: &[f64], b: &[f64]) -> Vec<f64> {
+    let n = b.len();
+    let l = factor(a, n);
+    let mut x = b.to_vec();
+    whiten(&l, &mut x);
     for i in (0..n).rev() {
         for k in i + 1..n {
             x[i] -= l[k * n + i] * x[k];

@@ -41,6 +41,12 @@ const FRICTIONS: [f64; 2] = [0.1, 4.0];
 const BISECTIONS: usize = 7;
 
 impl Replay<'_> {
+    /// Whether windows start from an inertial sensor's speeds.
+    fn inertial(&self) -> bool {
+        let bases = self.data.runs.iter().filter_map(|r| r.base.as_ref());
+        bases.into_iter().any(|b| b.reckoned.is_some())
+    }
+
     /// Median over the joints of measured over replayed load, with the ground's friction times `scale`.
     fn ratios(&self, found: &body::Found, windows: &mut [Window], scale: f64) -> Vec<f64> {
         let params = Arc::new(found.tier.params(&scaled(found, scale)));
@@ -55,7 +61,7 @@ impl Replay<'_> {
                 self.conventions,
                 &loads,
             )?;
-            tier.load_ratio(&f.answer.last().theta)
+            tier.load_ratio(&f.answer.last().theta, self.inertial())
         };
         self.joints.iter().filter_map(one).collect()
     }
@@ -84,7 +90,7 @@ impl Replay<'_> {
         let ratios: Vec<f64> = self
             .joints
             .iter()
-            .filter_map(|f| f.tier.load_ratio(&f.answer.last().theta))
+            .filter_map(|f| f.tier.load_ratio(&f.answer.last().theta, self.inertial()))
             .collect();
         let half = self.model.parameter(Key::Mass1);
         // Eight half-spheres that vary alone.

@@ -32,14 +32,14 @@ impl<E: Evaluate> Search<'_, E> {
     }
 
     /// Whether a member removes the prior of coordinate `i`.
-    fn freed(&self, members: &[usize], i: usize) -> bool {
+    pub(super) fn freed(&self, members: &[usize], i: usize) -> bool {
         members
             .iter()
             .any(|m| self.candidates[*m].free.contains(&i))
     }
 
     /// Where coordinate `i` may go: within its tolerance, unless a member frees it.
-    fn range(&self, members: &[usize], i: usize) -> [f64; 2] {
+    pub(super) fn range(&self, members: &[usize], i: usize) -> [f64; 2] {
         let c = &self.coordinates[i];
         if c.sigma == 0.0 || self.freed(members, i) {
             return c.range;
@@ -70,7 +70,7 @@ impl<E: Evaluate> Search<'_, E> {
             .collect()
     }
 
-    fn penalty(&self, members: &[usize], theta: &[f64]) -> f64 {
+    pub(super) fn penalty(&self, members: &[usize], theta: &[f64]) -> f64 {
         let free = self.free(members);
         let z2 = |i: &usize| {
             let c = &self.coordinates[*i];
@@ -135,6 +135,8 @@ impl<E: Evaluate> Search<'_, E> {
                 let r = self.model.residuals(&next);
                 let then = cost(&r) * groups + weight * self.penalty(members, &next);
                 if then < now {
+                    let (next, r, then) =
+                        self.further((&theta, next, r, then), members, &free, groups, weight);
                     moved = now - then > 1e-4 * now;
                     theta = next;
                     residuals = r;
@@ -142,6 +144,10 @@ impl<E: Evaluate> Search<'_, E> {
                     break;
                 }
                 lambda *= 8.0;
+            }
+            if !moved && self.limits.rough {
+                let scale = (groups, weight);
+                (theta, residuals, moved) = self.feel(theta, residuals, (members, &free), scale);
             }
             if !moved {
                 let (columns, steps) = self.jacobian(&theta, &free);

@@ -57,6 +57,8 @@ pub(super) struct Limits {
     pub(super) refined: usize,
     /// Iterations of a fit.
     pub(super) iterations: usize,
+    /// Whether the cost is so rough that its slope may lead nowhere: then every coordinate is tried by itself too.
+    pub(super) rough: bool,
 }
 
 /// A fitted state.

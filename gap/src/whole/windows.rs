@@ -6,6 +6,8 @@ use physics::{Drive, Level, Options, Outcome, Params, Pose, Start, Trial, Twist}
 use rayon::prelude::*;
 
 use super::data::{BaseTrack, Data, JOINTS, Run};
+use super::inertial::Motion;
+use super::turn;
 
 /// Time between samples of the led angles, s.
 pub(super) const PERIOD_S: f64 = 0.02;
@@ -51,8 +53,24 @@ pub(super) struct Window {
     duration_s: f64,
 }
 
-/// Measured state of the base at `t_s`: lines through the samples around it.
+/// Measured state of the base at `t_s`: with the inertial sensor where it helps, else parabolas through the samples around.
 pub(super) fn base_state(base: &BaseTrack, t_s: f64) -> Option<(Pose, Twist)> {
+    let m = match &base.reckoned {
+        Some(r) => r.at(base, t_s)?,
+        None => tracked(base, t_s)?,
+    };
+    let pose = Pose {
+        position_m: m.position_m.map(|x| x as f32),
+        quaternion: m.attitude.map(|x| x as f32),
+    };
+    let twist = Twist {
+        linear_m_s: m.velocity_m_s.map(|x| x as f32),
+        angular_rad_s: m.angular_rad_s.map(|x| x as f32),
+    };
+    Some((pose, twist))
+}
+
+fn tracked(base: &BaseTrack, t_s: f64) -> Option<Motion> {
     // Seven samples, so that noise does not become speed; at least 60 ms.
     let half_s = (3.2 * base.position_m[0].period_s()).clamp(0.06, 0.2);
     let mut p = [(0.0, 0.0); 3];
@@ -64,23 +82,15 @@ pub(super) fn base_state(base: &BaseTrack, t_s: f64) -> Option<(Pose, Twist)> {
         *slot = track.curve(t_s, half_s)?;
     }
     let norm = q.iter().map(|x| x.0 * x.0).sum::<f64>().sqrt().max(1e-9);
-    let [w, x, y, z] = q.map(|c| c.0 / norm);
-    let [dw, dx, dy, dz] = q.map(|c| c.1 / norm);
+    let attitude = q.map(|c| c.0 / norm);
     // omega = 2 dq q*, world axes.
-    let angular = [
-        2.0 * (-dw * x + dx * w - dy * z + dz * y),
-        2.0 * (-dw * y + dy * w - dz * x + dx * z),
-        2.0 * (-dw * z + dz * w - dx * y + dy * x),
-    ];
-    let pose = Pose {
-        position_m: p.map(|c| c.0 as f32),
-        quaternion: [w, x, y, z].map(|c| c as f32),
-    };
-    let twist = Twist {
-        linear_m_s: p.map(|c| c.1 as f32),
-        angular_rad_s: angular.map(|c| c as f32),
-    };
-    Some((pose, twist))
+    let [_, x, y, z] = turn::times(q.map(|c| 2.0 * c.1 / norm), turn::conjugate(attitude));
+    Some(Motion {
+        attitude,
+        angular_rad_s: [x, y, z],
+        position_m: p.map(|c| c.0),
+        velocity_m_s: p.map(|c| c.1),
+    })
 }
 
 /// Joint angles of a run from `from_s` on, the link side where measured; `None` where a joint was not measured.
