@@ -165,12 +165,12 @@ pub fn nominal(problem: &Problem) -> Vec<Free> {
 }
 
 /// A sampled loop that differentiates its encoder sees the speed between half a period (one difference) and two periods
-/// (a filtered one) late; that is how such loops are built, no gap.
+/// (a filtered one) late; a tachometer is not late at all. That is how such loops are built, no gap.
 fn speed_delay() -> Free {
     Free {
         p: P::SpeedDelay,
         map: Map::Linear { scale: 1.0 },
-        low: 0.5,
+        low: 0.0,
         high: 2.5,
         tolerance: Some(0.5),
     }

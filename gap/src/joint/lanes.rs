@@ -192,7 +192,7 @@ fn speed_steps(p: &[Params], period_s: f64, dt: f64) -> Option<[f64; LANES]> {
     }
     let mut out = [1.0; LANES];
     for (steps, p) in out.iter_mut().zip(p) {
-        *steps = (2.0 * p.get(P::SpeedDelay) * period_s / dt).clamp(1.0, SEEN as f64 - 1.0);
+        *steps = (2.0 * p.get(P::SpeedDelay) * period_s / dt).clamp(0.0, SEEN as f64 - 1.0);
     }
     Some(out)
 }
@@ -324,17 +324,19 @@ impl State {
         (F::from(q), F::from(dq))
     }
 
-    /// Speed as the difference of seen positions over some steps.
-    fn difference(&self, m: &Model<'_>, steps: &[f64; LANES]) -> F {
-        let mut out = [0.0; LANES];
+    /// Speed as the difference of seen positions over some steps; over less than one, in part the exact speed.
+    fn difference(&self, m: &Model<'_>, steps: &[f64; LANES], exact: F) -> F {
+        let (mut out, mut share) = ([0.0; LANES], [0.0; LANES]);
         for (i, steps) in steps.iter().enumerate() {
+            share[i] = steps.min(1.0);
+            let steps = &steps.max(1.0);
             let whole = (*steps as usize).min(SEEN - 2);
             let part = steps - whole as f64;
             let at = |k: usize| self.seen[k].as_array()[i];
             let before = at(whole) + part * (at(whole + 1) - at(whole));
             out[i] = (at(0) - before) / steps;
         }
-        F::from(out) / m.dt
+        exact + F::from(share) * (F::from(out) / m.dt - exact)
     }
 
     fn restart(&mut self, position: f64, velocity: f64, running: bool, dt_s: f64) {
@@ -359,7 +361,7 @@ fn control(m: &Model<'_>, s: &mut State, sp: F, run: &RunData, tick: bool) -> F 
     if let Some(steps) = &m.speed {
         s.seen.copy_within(0..SEEN - 1, 1);
         s.seen[0] = q;
-        dq = s.difference(m, steps);
+        dq = s.difference(m, steps, dq);
     }
     if !tick {
         return s.held;
@@ -368,9 +370,8 @@ fn control(m: &Model<'_>, s: &mut State, sp: F, run: &RunData, tick: bool) -> F 
     e -= clamp(e, -m.band, m.band);
     if run.nominal.ki != 0.0 {
         let bound = F::splat(run.nominal.limit / run.nominal.ki.abs());
-        let period = F::splat(run.nominal.period_s);
-        let period = m.ticks_per_step.map_or(m.dt, |_| period);
-        s.integral = clamp(s.integral + e * period, -bound, bound);
+        let slow = m.ticks_per_step.map(|_| F::splat(run.nominal.period_s));
+        s.integral = clamp(s.integral + e * slow.unwrap_or(m.dt), -bound, bound);
     }
     s.held = clamp(m.kp * e + m.ki * s.integral - m.kd * dq, -m.limit, m.limit);
     s.held
