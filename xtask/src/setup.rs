@@ -179,6 +179,22 @@ fn require_root(remedy: &str) -> Result<()> {
     }
 }
 
+/// Other physics engines for the benchmark and for joints that another engine plays. A machine without them skips both.
+fn engines(python: &str) {
+    let here = std::process::Command::new(python)
+        .args(["-c", "import mujoco, numpy"])
+        .output();
+    if here.is_ok_and(|o| o.status.success()) {
+        return;
+    }
+    let file = sh::root().join("tests/foreign/engines.txt");
+    let file = file.to_string_lossy();
+    let quiet = ["-m", "pip", "install", "-q", "--disable-pip-version-check"];
+    if sh::run(python, &[&quiet[..], &["-r", &file]].concat()).is_err() {
+        eprintln!("LEFT OUT: {file} could not be installed; what needs MuJoCo is skipped");
+    }
+}
+
 /// A virtual environment with the foreign clients the conformance tests drive.
 fn python_clients() -> Result<String> {
     let venv = sh::target_dir().join("venv");
@@ -188,6 +204,7 @@ fn python_clients() -> Result<String> {
         std::fs::read_to_string(&requirements).context("tests/foreign/requirements.txt")?;
     let stamp = venv.join("requirements.installed");
     if std::fs::read_to_string(&stamp).is_ok_and(|installed| installed == wanted) {
+        engines(&python.to_string_lossy());
         return Ok(venv.display().to_string());
     }
     let venv_text = venv.to_string_lossy().into_owned();
@@ -209,6 +226,7 @@ fn python_clients() -> Result<String> {
             &file,
         ],
     )?;
+    engines(&python);
     std::fs::write(&stamp, wanted)?;
     Ok(venv_text)
 }

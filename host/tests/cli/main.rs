@@ -7,6 +7,7 @@ mod commands;
 mod docs;
 mod dropout;
 mod filmed;
+mod foreign_reality;
 mod gap_data;
 mod gap_next;
 mod gap_runs;

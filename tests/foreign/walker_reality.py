@@ -1,0 +1,322 @@
+"""The meta-module on the ground, played by MuJoCo from the design's geometry: data set folders with known causes.
+
+Bodies are convex hulls of half-spheres, contacts, friction cone, integrator and joint friction are MuJoCo's; the servo law (Table II) is
+written out below. Nothing is shared with the project's own simulator or emulated robot.
+"""
+
+import json
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+EDGE_M, BALL_M, HALF_KG = 0.110, 0.062, 0.325
+DIAGONAL = np.ones(3) / math.sqrt(3.0)
+# Hand-tuned values of Table II: intra-cube joints 0 2 3 5, inter-cube joints 1 4.
+INTER = (1, 4)
+SPEED = [1.5 if k in INTER else 2.5 for k in range(6)]
+TORQUE = [3.2 if k in INTER else 4.8 for k in range(6)]
+GAIN = 10.0
+# Effort per ampere at the output: 12 V over the no-load speed of Table I.
+EFFORT_PER_A = [12.0 / (2.032 if k in INTER else 2.786) for k in range(6)]
+WINDING_OHM = [4.09 if k in INTER else 1.9 for k in range(6)]
+
+
+@dataclass
+class Robot:
+    """What the robot really is."""
+
+    friction: float = 1.0
+    mass: float = 1.0
+    slope: tuple = (0.0, 0.0)
+    com: tuple = (0.0, 0.0, 0.0)
+    torsional: float = 0.0
+    coulomb: dict = field(default_factory=dict)
+    viscous: dict = field(default_factory=dict)
+    latency: dict = field(default_factory=dict)
+    offset: dict = field(default_factory=dict)
+    scale: dict = field(default_factory=dict)
+    torque: dict = field(default_factory=dict)
+    speed: dict = field(default_factory=dict)
+    gain: dict = field(default_factory=dict)
+    order: tuple = (0, 1, 2, 3, 4, 5)
+    loss: dict = field(default_factory=dict)
+
+
+@dataclass
+class Case:
+    """One data set folder and its label."""
+
+    name: str
+    robot: Robot = field(default_factory=Robot)
+    truth: tuple = ()
+    gaits: int = 6
+    repeats: int = 2
+    seconds: float = 12.0
+    lengths: tuple = ()
+    columns: tuple = ("applied", "position", "velocity", "current", "duty", "bus_v")
+    rate_hz: float = 40.0
+    base: bool = True
+    bounce: float = 0.1
+
+
+def turn_x(angle):
+    """Rotation about x."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+
+
+def half_points(diagonal, distal):
+    """Surface points of a half-sphere: ball about the cube's centre, cut by the cube's faces and by the diagonal plane."""
+    sign = 1.0 if distal else -1.0
+    out = [np.zeros(3)]
+
+    def reach(v):
+        return min(BALL_M, 0.5 * EDGE_M / max(abs(v)))
+
+    n = 260
+    for k in range(n):
+        z = 1.0 - 2.0 * (k + 0.5) / n
+        a, r = 2.399963 * k, math.sqrt(1.0 - z * z)
+        v = np.array([r * math.cos(a), r * math.sin(a), z])
+        if sign * (v @ diagonal) > 0.0:
+            out.append(reach(v) * v)
+    u = np.cross(diagonal, [1.0, 0.0, 0.0])
+    u /= np.linalg.norm(u)
+    w = np.cross(diagonal, u)
+    for k in range(48):
+        v = math.cos(k * math.pi / 24) * u + math.sin(k * math.pi / 24) * w
+        out.append(reach(v) * v)
+    return np.array(out)
+
+
+def model_xml(robot):
+    """MJCF of the meta-module lying along x."""
+    twisted = turn_x(math.pi / 2) @ DIAGONAL
+    axes = [DIAGONAL, np.array([1.0, 0, 0]), DIAGONAL, twisted, np.array([1.0, 0, 0]), twisted]
+    cube = [np.array([k * EDGE_M, 0, 0]) for k in range(4)]
+    origins = [cube[0], cube[0], cube[1], 0.5 * (cube[1] + cube[2]), cube[2], cube[3], cube[3]]
+    anchors = [cube[0], 0.5 * (cube[0] + cube[1]), cube[1], cube[2], 0.5 * (cube[2] + cube[3]), cube[3]]
+    halves = [[(0, False)], [(0, True)], [(1, False)], [(1, True), (2, False)], [(2, True)], [(3, False)], [(3, True)]]
+    mesh, body, tail = [], "", ""
+    for b in range(7):
+        geoms = ""
+        for c, distal in halves[b]:
+            name = f"h{c}{int(distal)}"
+            points = half_points(DIAGONAL if c < 2 else twisted, distal)
+            mesh.append(f'<mesh name="{name}" inertia="convex" vertex="{" ".join(f"{x:.6f}" for x in points.ravel())}"/>')
+            pos = cube[c] - origins[b]
+            kind = "1" if b in (0, 1) else "2" if b in (5, 6) else "4"
+            geoms += (
+                f'<geom type="mesh" mesh="{name}" pos="{pos[0]} {pos[1]} {pos[2]}" mass="{HALF_KG * robot.mass}" contype="{kind}"'
+                f' conaffinity="{ {"1": 2, "2": 1, "4": 0}[kind] }"/>'
+            )
+        if any(robot.com) and b == 3:
+            # An unmodelled weight of a fifth of the robot where the whole centre of mass moves by `com`.
+            shift = 5.0 * np.array(robot.com)
+            geoms += f'<geom type="sphere" size="0.005" mass="{0.2 * 8 * HALF_KG}" pos="{shift[0]} {shift[1]} {shift[2]}" contype="0" conaffinity="0"/>'
+        at = origins[b] - (origins[b - 1] if b else np.zeros(3)) + (np.array([0, 0, 0.5 * EDGE_M + 0.001]) if b == 0 else 0)
+        joint = '<freejoint name="base"/>'
+        if b:
+            a, p = axes[b - 1], anchors[b - 1] - origins[b]
+            dry, wet = robot.coulomb.get(b - 1, 0.0), robot.viscous.get(b - 1, 0.0)
+            joint = (
+                f'<joint name="j{b - 1}" axis="{a[0]} {a[1]} {a[2]}" pos="{p[0]} {p[1]} {p[2]}" armature="0.001" frictionloss="{dry}"'
+                f' damping="{wet}" solreffriction="0.004 1" solimpfriction="0.999 0.9999 0.001"/>'
+            )
+        body += f'<body name="b{b}" pos="{at[0]} {at[1]} {at[2]}">{joint}{geoms}'
+        tail += "</body>"
+    # The servo is a dry tendon to a flywheel that turns at the speed asked for: a speed imposed with a limited torque.
+    wheels = "".join(
+        f'<body pos="0 {k} -5"><joint name="w{k}" axis="0 1 0"/><inertial pos="0 0 0" mass="1" diaginertia="1e6 1e6 1e6"/></body>' for k in range(6)
+    )
+    motors = "".join(
+        f'<fixed name="m{k}" frictionloss="{robot.torque.get(k, TORQUE[k])}" solreffriction="0.002 1" solimpfriction="0.9999 0.9999 0.001">'
+        f'<joint joint="j{k}" coef="1"/><joint joint="w{k}" coef="-1"/></fixed>'
+        for k in range(6)
+    )
+    roll, pitch = robot.slope
+    g = 9.81 * np.array([math.sin(pitch), -math.sin(roll) * math.cos(pitch), -math.cos(roll) * math.cos(pitch)])
+    condim = 4 if robot.torsional > 0.0 else 3
+    ground = f'<geom type="plane" size="0 0 1" contype="7" conaffinity="7" friction="{robot.friction} {robot.torsional} 0" condim="{condim}" priority="1" solref="0.01 0.7"/>'
+    return (
+        f'<mujoco><compiler angle="radian"/><option timestep="0.001" integrator="implicitfast" cone="elliptic" impratio="5" gravity="{g[0]} {g[1]} {g[2]}"/>'
+        f'<asset>{"".join(mesh)}</asset><worldbody>{ground}{body}{tail}{wheels}</worldbody><tendon>{motors}</tendon></mujoco>'
+    )
+
+
+def gait(number, seconds):
+    """Set-points at 20 Hz of a gait: sines with offsets, amplitudes growing as the oscillators' do."""
+    rng = np.random.default_rng(7000 + number)
+    amplitude = np.radians(rng.uniform(15, 50, 6))
+    offset = np.radians(rng.uniform(-25, 25, 6))
+    phase = rng.uniform(-math.pi, math.pi, 6)
+    t = np.arange(0.0, seconds, 0.05)
+    grown = 1.0 - np.exp(-2.0 * t)
+    return t, offset + (grown * np.sin(2 * math.pi * 0.2 * t + phase[:, None])).T * amplitude
+
+
+def drive(robot, sent, k, t, rng_loss):
+    """Set-point of motor k that is in force at t."""
+    times, values = sent
+    i = int(np.searchsorted(times, t - robot.latency.get(k, 0.0) + 1e-9, side="right")) - 1
+    i = max(i, 0)
+    while i > 0 and rng_loss[k][i]:
+        i -= 1
+    wire = values[i][robot.order[k]]
+    return robot.scale.get(k, 1.0) * wire + robot.offset.get(k, 0.0), wire
+
+
+def torque(data):
+    """Torque of the six motors: the forces of the dry tendons."""
+    rows = data.efc_type == mujoco.mjtConstraint.mjCNSTR_FRICTION_TENDON
+    out = np.zeros(6)
+    out[data.efc_id[rows]] = data.efc_force[rows]
+    return out
+
+
+def play(robot, model, sent, seconds, rng):
+    """One run; rows (t, 6 x wire set-point, angle, speed, effort; base) at 200 Hz."""
+    data = mujoco.MjData(model)
+    lost = {k: rng.random(len(sent[0])) < robot.loss.get(k, 0.0) for k in range(6)}
+    for k in range(6):
+        data.qpos[7 + k] = robot.scale.get(k, 1.0) * sent[1][0][robot.order[k]] + robot.offset.get(k, 0.0)
+    # Above the ground at first, then let down: settle for two seconds before the run begins.
+    yaw = 0.05 * rng.normal()
+    data.qpos[3], data.qpos[6] = math.cos(yaw / 2), math.sin(yaw / 2)
+    mujoco.mj_forward(model, data)
+    data.qpos[2] -= min(data.geom_xpos[g][2] for g in range(1, model.ngeom)) - 0.07
+    model.geom_friction[0][0] = robot.friction * (1.0 + 0.02 * rng.normal())
+    settle, log = 2.0, []
+    gain = [robot.gain.get(k, GAIN) for k in range(6)]
+    top = [robot.speed.get(k, SPEED[k]) for k in range(6)]
+    wire = [0.0] * 6
+    target = [0.0] * 6
+    for n in range(int((settle + seconds) / 0.001)):
+        t = n * 0.001 - settle
+        if n % 5 == 0:
+            for k in range(6):
+                target[k], wire[k] = drive(robot, sent, k, t, lost)
+            if t >= -1e-9:
+                b = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "b3")
+                log.append(np.concatenate([[t], wire, data.qpos[7:13], data.qvel[6:12], torque(data), data.xpos[b], data.xquat[b]]))
+        q = data.qpos[7:13]
+        for k in range(6):
+            v = gain[k] * (target[k] - q[k])
+            data.qvel[12 + k] = min(max(v, -top[k]), top[k])
+        mujoco.mj_step(model, data)
+    return np.array(log)
+
+
+def rows_text(case, log, sent, seconds, rng):
+    """CSV of one run."""
+    c = case.columns
+    head, cells = ["t_s"], []
+    for k in range(6):
+        head += [f"setpoint_rad_{k}"] + [
+            {"applied": "applied_setpoint_rad", "position": "position_rad", "velocity": "velocity_rad_s", "current": "current_a", "duty": "duty",
+             "effort": "effort_nm"}[x] + f"_{k}" for x in c if x != "bus_v"]
+    head += ["bus_v"] if "bus_v" in c else []
+    head += ["base_x_m", "base_y_m", "base_z_m", "base_qw", "base_qx", "base_qy", "base_qz"] if case.base else []
+    text = [",".join(head)]
+    step = 1.0 / case.rate_hz
+    for n, t in enumerate(np.arange(0.0, seconds - 0.01, step)):
+        row = log[min(int(t * 200 + 0.5), len(log) - 1)]
+        i = max(int(np.searchsorted(sent[0], t + 1e-9, side="right")) - 1, 0)
+        cells = [f"{t:.4f}"]
+        volts = 12.0
+        for k in range(6):
+            wire, q, w, tau = row[1 + k], row[7 + k], row[13 + k], row[19 + k]
+            amps = tau / EFFORT_PER_A[k]
+            value = {
+                "applied": wire, "position": q + 0.0005 * rng.normal(), "velocity": w + 0.005 * rng.normal(), "effort": tau + 0.02 * rng.normal(),
+                "current": amps + 0.004 * rng.normal(), "duty": (WINDING_OHM[k] * amps + EFFORT_PER_A[k] * w) / volts + 0.001 * rng.normal(),
+            }
+            value["duty"] = min(max(value["duty"], -1.0), 1.0)
+            cells += [f"{sent[1][i][k]:.5f}"] + [f"{value[x]:.5f}" for x in c if x != "bus_v"]
+        if "bus_v" in c:
+            cells.append(f"{volts + 0.01 * rng.normal():.3f}")
+        if case.base:
+            if n % 2 == 0:
+                p = row[25:28] + 0.001 * rng.normal(size=3)
+                half = 0.002 * rng.normal(size=3)
+                q = np.zeros(4)
+                mujoco.mju_mulQuat(q, row[28:32], np.concatenate([[1.0], half]))
+                q /= np.linalg.norm(q)
+                cells += [f"{x:.5f}" for x in p] + [f"{x:.6f}" for x in q]
+            else:
+                cells += [""] * 7
+        text.append(",".join(cells))
+    return "\n".join(text) + "\n"
+
+
+MODEL = """format = 1
+[environment]
+bounce = {{ value = {bounce}, tolerance = 0.2, source = "MuJoCo's damped contact" }}
+"""
+
+
+def generate(case, folder, seed, model_text=None):
+    """Writes the data set of `case` into `folder`, and its label beside it."""
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng([seed, sum(map(ord, case.name))])
+    model = mujoco.MjModel.from_xml_string(model_xml(case.robot))
+    text = ["format = 1", 'robot = "metamodule"', f'name = "{case.name}"']
+    if model_text:
+        text += ["[metamodule]", 'model = "model.toml"']
+        (folder / "model.toml").write_text(model_text)
+    for g in range(case.gaits):
+        seconds = case.lengths[g % len(case.lengths)] if case.lengths else case.seconds
+        for r in range(case.repeats):
+            sent = gait(g, seconds)
+            log = play(case.robot, model, sent, seconds, rng)
+            name = f"g{g:02}_{r}.csv"
+            (folder / name).write_text(rows_text(case, log, sent, seconds, rng))
+            text += ["", "[[run]]", f'file = "{name}"', f'gait = "g{g:02}"']
+    (folder / "dataset.toml").write_text("\n".join(text) + "\n")
+    Path(str(folder) + ".label.json").write_text(json.dumps({"name": case.name, "truth": list(case.truth)}))
+
+
+def cases():
+    """All cases, by the effects of the vocabulary."""
+    out = []
+
+    def add(name, truth=(), more=None, **robot):
+        out.append(Case(name, Robot(**robot), tuple(truth), **(more or {})))
+
+    add("w_null")
+    add("w_null_effort", more={"columns": ("position", "effort")})
+    add("w_null_encoders", more={"columns": ("position",)})
+    add("w_null_lengths", more={"lengths": (8.0, 10.0, 12.0, 14.0)})
+    add("w_null_no_repeats", more={"repeats": 1})
+    add("w_null_no_base", more={"base": False})
+    add("w_friction_05", ("ground_friction",), friction=0.45)
+    add("w_mass", ("mass",), mass=1.25)
+    add("w_slope", ("ground_slope",), slope=(0.0, 0.12))
+    add("w_com", ("com_offset",), com=(0.0, 0.02, 0.0))
+    add("w_torsional", ("torsional_friction",), torsional=0.02)
+    add("w_coulomb_2", ("coulomb_friction@2",), coulomb={2: 0.5})
+    add("w_coulomb_effort", ("coulomb_friction@4",), coulomb={4: 0.5}, more={"columns": ("position", "effort")})
+    add("w_latency_1", ("latency@1",), latency={1: 0.08})
+    add("w_latency_encoders", ("latency@3",), latency={3: 0.1}, more={"columns": ("position",)})
+    add("w_sign_4", ("joint_sign@4",), scale={4: -1.0})
+    add("w_offset_3", ("joint_offset@3",), offset={3: 0.12})
+    add("w_scale_0", ("joint_scale@0",), scale={0: 1.1})
+    add("w_order", ("joint_order",), order=(0, 1, 3, 2, 4, 5))
+    add("w_torque_2", ("torque_limit@2",), torque={2: 1.0})
+    add("w_speed_5", ("velocity_limit@5",), speed={5: 0.8})
+    add("w_gain_0", ("loop_gain@0",), gain={0: 5.0})
+    add("w_loss_3", ("packet_loss@3",), loss={3: 0.25})
+    add("w_friction_latency", ("ground_friction", "latency@0"), friction=0.45, latency={0: 0.08})
+    return out
+
+
+if __name__ == "__main__":
+    import sys
+
+    for case in cases():
+        if case.name in sys.argv[2:]:
+            generate(case, Path(sys.argv[1]) / case.name, 1)
