@@ -40,7 +40,7 @@ use physics::{Params, ParamsError};
 use rayon::prelude::*;
 
 use crate::verdict::Verdict;
-use crate::vocabulary::Effect;
+use crate::vocabulary::{self, Effect};
 pub use camera::Film;
 use conventions::Conventions;
 use data::{Data, JOINTS};
@@ -235,12 +235,17 @@ pub fn diagnose(
                 .any(|c| b.answer.candidates[*c].effect == effect)
         })
     };
+    let other = body.as_ref().is_some_and(|b| {
+        let of = |c: &usize| b.answer.candidates[*c].effect.stage();
+        let members = &b.answer.last().members;
+        members.iter().any(|c| of(c) == vocabulary::Stage::Body)
+    });
     direct.extend(
         loads_together
             .cause(body.as_ref(), &mut replayed)
-            // Torques grow with friction and weight alike: where the motion shows the friction, they show no mass besides.
+            // A replay on a ground or of a body that is another one is too rough for torques to show a mass besides.
             .filter(|r| !settings.withhold.contains(&r.effect) && !named(r.effect))
-            .filter(|r| r.effect != Effect::Mass || !named(Effect::GroundFriction)),
+            .filter(|r| r.effect != Effect::Mass || !other),
     );
     if joints.is_empty() && body.is_none() {
         return Err(WholeError::Nothing);

@@ -14,7 +14,7 @@ use super::direct::{Reading, exact, mass};
 use super::joints::{Found, Tier};
 use super::search::Evaluate;
 use super::windows::Window;
-use super::{body, servo, windows};
+use super::{body, least, servo, windows};
 use crate::math;
 use crate::vocabulary::Effect;
 
@@ -33,9 +33,9 @@ pub(super) struct Replay<'a> {
 const FRICTION_TOLERANCES: f64 = 2.5;
 /// Relative error of a friction that is read off the torques (emulated robots with 0.4 and 0.8 of the nominal friction).
 const FRICTION_ERROR: f64 = 0.05;
-/// Growth of the windows' errors from which on the friction is not what the torques show; less is the roughness of contacts
-/// (emulated robots: 0.99 to 1.00 with another friction, from 1.02 on with another mass).
-const WORSE: f64 = 1.01;
+/// Cost of the windows over that with the friction found so far, above which the friction is not what the torques show: a true
+/// friction suits the windows better.
+const WORSE: f64 = 1.0;
 /// Frictions that are tried, as ratios to the one found so far.
 const FRICTIONS: [f64; 2] = [0.1, 4.0];
 const BISECTIONS: usize = 7;
@@ -118,11 +118,9 @@ fn scaled(found: &body::Found, scale: f64) -> Vec<f64> {
     theta
 }
 
-/// Mean size of the windows' errors, in tolerances.
+/// Cost of the windows.
 fn misfit(found: &body::Found, scale: f64) -> f64 {
-    let left = found.tier.residuals(&scaled(found, scale));
-    let sizes: Vec<f64> = left.iter().flatten().map(|x| x.abs()).collect();
-    math::mean(&sizes)
+    least::cost(&found.tier.residuals(&scaled(found, scale)))
 }
 
 fn friction(model: &Model, found: &body::Found, scale: f64) -> Option<Reading> {
