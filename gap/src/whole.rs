@@ -216,10 +216,11 @@ pub fn diagnose(
         .filter_map(|k| Tier::new(&data, model, k, &fit_runs, &conventions, &loads))
         .collect();
     joints::calibrate(&mut tiers, model, &conventions);
-    let joints: Vec<Found> = tiers
+    let mut joints: Vec<Found> = tiers
         .into_par_iter()
         .map(|tier| joints::diagnose(tier, model, &conventions, &settings.withhold))
         .collect();
+    joints::mark(&mut joints);
     let loads_together = loads::Replay {
         data: &data,
         model,
