@@ -71,6 +71,12 @@ impl Signals {
         &self.0[c as usize]
     }
 
+    /// Bus voltage over the nominal one; 1 where it was not sampled.
+    fn bus(&self, supply_v: f64) -> Vec<f64> {
+        let one = |v: &f64| if v.is_finite() { v / supply_v } else { 1.0 };
+        self.of(Channel::BusVoltage).iter().map(one).collect()
+    }
+
     fn measured(run: &RunData) -> Self {
         let column = |k: usize| run.samples.iter().map(|s| s.measured[k]).collect();
         Self(std::array::from_fn(column))
@@ -102,16 +108,60 @@ fn zip(n: usize, f: impl Fn(usize) -> f64) -> Vec<f64> {
     (0..n).map(f).collect()
 }
 
-/// The stages' residuals on one set of signals.
-fn residuals(problem: &Problem, run: &RunData, s: &Signals) -> Vec<Residual> {
+/// Driver, motor and drivetrain: laws between duty, current and motion.
+fn laws(problem: &Problem, run: &RunData, s: &Signals, applied: &[f64]) -> [Residual; 3] {
     let n = &run.nominal;
     let rows = run.samples.len();
     let kt = effort_per_ampere(problem, &Params::default());
     let ohm = kt * n.supply_v / n.stall;
     let known = &problem.known;
-    let row_s = (run.steps as f64 * problem.dt_s) / rows as f64;
     let q = s.of(Channel::Position);
-    let motion = parabola(q, row_s);
+    let motion = parabola(q, (run.steps as f64 * problem.dt_s) / rows as f64);
+    let (duty, current) = (s.of(Channel::Duty), s.of(Channel::Current));
+    let bus = s.bus(n.supply_v);
+    let error = |i: usize| n.kp * (applied[i] - q[i]);
+    let damping = |i: usize| n.kd * motion[i][1];
+    let law = |i: usize| (error(i) - damping(i)).clamp(-n.limit, n.limit);
+    let late = |i: usize| n.kd * n.period_s * motion[i][2];
+    let driven = |i: usize| duty[i] * bus[i];
+    let back = |i: usize| kt * motion[i][1] / n.supply_v;
+    let torque = |i: usize| current[i] * ohm / n.supply_v;
+    let inertia = |i: usize| n.inertia * motion[i][2] / n.stall;
+    let weight = |i: usize| n.gravity * math::sin(motion[i][0]) / n.stall;
+    let column = |f: &dyn Fn(usize) -> f64, t: Option<f64>| (zip(rows, f), t.unwrap_or(0.05));
+    // Gains are numbers in a register: 1 %. A sampled loop sees the speed a period late, give or take one.
+    let exact = |t: Option<f64>| Some(t.unwrap_or(0.01).min(0.01));
+    [
+        Residual {
+            stage: Stage::Driver,
+            rest: zip(rows, |i| duty[i] - law(i)),
+            columns: vec![
+                column(&error, exact(known.kp)),
+                column(&damping, exact(known.kd)),
+                column(&late, Some(1.0)),
+            ],
+        },
+        Residual {
+            stage: Stage::Electrical,
+            rest: zip(rows, |i| torque(i) - (driven(i) - back(i))),
+            columns: vec![column(&driven, known.stall), column(&back, known.speed)],
+        },
+        Residual {
+            stage: Stage::Drivetrain,
+            rest: zip(rows, |i| torque(i) - inertia(i) - weight(i)),
+            columns: vec![
+                column(&torque, known.speed),
+                column(&inertia, known.inertia),
+                column(&weight, known.gravity),
+            ],
+        },
+    ]
+}
+
+/// The stages' residuals on one set of signals.
+fn residuals(problem: &Problem, run: &RunData, s: &Signals) -> Vec<Residual> {
+    let n = &run.nominal;
+    let rows = run.samples.len();
     let sent = sent(run, problem.dt_s);
     let echoed = measured(problem, Channel::Applied);
     let applied = if echoed {
@@ -119,54 +169,13 @@ fn residuals(problem: &Problem, run: &RunData, s: &Signals) -> Vec<Residual> {
     } else {
         &sent
     };
-    let (duty, current) = (s.of(Channel::Duty), s.of(Channel::Current));
-    let bus = |i: usize| match s.of(Channel::BusVoltage)[i] {
-        v if v.is_finite() => v / n.supply_v,
-        _ => 1.0,
-    };
-    let error = |i: usize| n.kp * (applied[i] - q[i]);
-    let law = |i: usize| (error(i) - n.kd * motion[i][1]).clamp(-n.limit, n.limit);
-    let back = |i: usize| kt * motion[i][1] / n.supply_v;
-    let torque = |i: usize| current[i] * ohm / n.supply_v;
-    let inertia = |i: usize| n.inertia * motion[i][2] / n.stall;
-    let weight = |i: usize| n.gravity * math::sin(motion[i][0]) / n.stall;
-    let tolerance = |t: Option<f64>| t.unwrap_or(0.05);
-    let mut out = vec![
-        Residual {
-            stage: Stage::Driver,
-            rest: zip(rows, |i| duty[i] - law(i)),
-            columns: vec![
-                (zip(rows, error), tolerance(known.kp).min(0.01)),
-                (
-                    zip(rows, |i| n.kd * motion[i][1]),
-                    tolerance(known.kd).min(0.01),
-                ),
-                (zip(rows, |i| n.kd * n.period_s * motion[i][2]), 1.0),
-            ],
-        },
-        Residual {
-            stage: Stage::Electrical,
-            rest: zip(rows, |i| torque(i) - (duty[i] * bus(i) - back(i))),
-            columns: vec![
-                (zip(rows, |i| duty[i] * bus(i)), tolerance(known.stall)),
-                (zip(rows, back), tolerance(known.speed)),
-            ],
-        },
-        Residual {
-            stage: Stage::Drivetrain,
-            rest: zip(rows, |i| torque(i) - inertia(i) - weight(i)),
-            columns: vec![
-                (zip(rows, torque), tolerance(known.speed)),
-                (zip(rows, inertia), tolerance(known.inertia)),
-                (zip(rows, weight), tolerance(known.gravity)),
-            ],
-        },
-    ];
+    let mut out: Vec<Residual> = laws(problem, run, s, applied).into();
     if measured(problem, Channel::BusVoltage) {
+        let (duty, bus) = (s.of(Channel::Duty), s.bus(n.supply_v));
         out.push(Residual {
             stage: Stage::Supply,
-            rest: zip(rows, |i| duty[i] * (bus(i) - 1.0)),
-            columns: vec![(duty.to_vec(), tolerance(known.supply))],
+            rest: zip(rows, |i| duty[i] * (bus[i] - 1.0)),
+            columns: vec![(duty.to_vec(), problem.known.supply.unwrap_or(0.05))],
         });
     }
     if echoed {
@@ -177,7 +186,7 @@ fn residuals(problem: &Problem, run: &RunData, s: &Signals) -> Vec<Residual> {
         });
     }
     if measured(problem, Channel::Link) {
-        let link = s.of(Channel::Link);
+        let (link, q) = (s.of(Channel::Link), s.of(Channel::Position));
         out.push(Residual {
             stage: Stage::Transmission,
             rest: zip(rows, |i| n.kp * (link[i] - q[i])),

@@ -11,7 +11,8 @@ use super::{Diagnosis, Settings};
 use crate::candidates::{self, Candidate};
 use crate::experiment;
 use crate::fit;
-use crate::joint::{Channel, Params, Trace, simulate};
+use crate::joint::arrival::regularity;
+use crate::joint::{Channel, P, Params, Problem, Trace, simulate};
 use crate::locate;
 use crate::math;
 use crate::names;
@@ -193,6 +194,35 @@ fn class(d: &Diagnosis, k: usize) -> Vec<(Effect, f64)> {
     out
 }
 
+/// Parameter `i` of an effect with its interval: the underlying parameter moved to both sides through the same conversion.
+fn estimate(
+    d: &Diagnosis,
+    c: &Candidate,
+    errors: &BTreeMap<P, f64>,
+    i: usize,
+    value: f64,
+) -> Estimate {
+    if let Some(e) = counting_error(&d.problem, c.effect, value) {
+        let ci95 = [(value - 1.96 * e).max(0.0), value + 1.96 * e];
+        return Estimate { value, ci95 };
+    }
+    let moved = c.free.get(i).or(c.free.first());
+    let e = moved.map_or(0.0, |x| errors.get(&x.p).copied().unwrap_or(0.0));
+    let shift = |sign: f64| {
+        let mut p = d.selection.model.params;
+        if let Some(x) = moved {
+            p.set(x.p, x.to_value(x.to_x(p.get(x.p)) + sign * 1.96 * e));
+        }
+        let all = names::parameters(&d.problem, c, &p);
+        all.get(i).map_or(value, |v| v.1)
+    };
+    let (a, b) = (shift(-1.0), shift(1.0));
+    Estimate {
+        value,
+        ci95: [a.min(b).min(value), a.max(b).max(value)],
+    }
+}
+
 fn effect_rows(d: &Diagnosis, left: f64) -> Vec<EffectRow> {
     let s = &d.selection;
     let errors = fit_errors(d);
@@ -200,31 +230,6 @@ fn effect_rows(d: &Diagnosis, left: f64) -> Vec<EffectRow> {
     let row = |(k, f): (usize, &crate::select::Found)| {
         let c = &f.candidate;
         let values = names::parameters(&d.problem, c, &s.model.params);
-        let estimate = |(i, (key, value)): (usize, (&'static str, f64))| {
-            // Interval by moving the underlying parameter one-sidedly through the same conversion.
-            let e = c
-                .free
-                .get(i)
-                .or(c.free.first())
-                .map_or(0.0, |x| errors.get(&x.p).copied().unwrap_or(0.0));
-            let shift = |sign: f64| {
-                let mut p = s.model.params;
-                if let Some(x) = c.free.get(i).or(c.free.first()) {
-                    p.set(x.p, x.to_value(x.to_x(p.get(x.p)) + sign * 1.96 * e));
-                }
-                names::parameters(&d.problem, c, &p)
-                    .get(i)
-                    .map_or(value, |v| v.1)
-            };
-            let (a, b) = (shift(-1.0), shift(1.0));
-            (
-                key.to_string(),
-                Estimate {
-                    value,
-                    ci95: [a.min(b).min(value), a.max(b).max(value)],
-                },
-            )
-        };
         let alternative = |r: &crate::select::Rival| {
             let m = margin(r.cost_ratio, d.independent);
             Alternative {
@@ -241,7 +246,7 @@ fn effect_rows(d: &Diagnosis, left: f64) -> Vec<EffectRow> {
             // Without a unit of effort, a torque is a number without meaning.
             parameters: (values.into_iter().enumerate())
                 .filter(|(_, (key, _))| d.problem.known.effort_unit || !key.contains("nm"))
-                .map(estimate)
+                .map(|(i, (key, value))| (key.to_string(), estimate(d, c, &errors, i, value)))
                 .collect(),
             confidence: (1.0 - left) / n,
             alternatives: d.selection.rivals[k].iter().map(alternative).collect(),
@@ -266,8 +271,22 @@ fn round(x: f64) -> f64 {
     (x * 1e3).round() / 1e3
 }
 
+/// Standard error of what was counted rather than fitted: a binomial share of losses, the spread of delays.
+fn counting_error(problem: &Problem, effect: Effect, value: f64) -> Option<f64> {
+    let n = regularity(&problem.runs)?.sent.max(1.0);
+    match effect {
+        Effect::PacketLoss => Some((value * (1.0 - value).max(0.0) / n).sqrt()),
+        Effect::Jitter => Some(value / (2.0 * n).sqrt()),
+        _ => None,
+    }
+}
+
+/// Errors of a joint's model are alike for longer than the half second that the search assumes: with it, intervals held
+/// the truth in 81 % of a development suite (seed 900001), as intervals that are too narrow by this factor do.
+const NARROW: f64 = 1.5;
+
 /// Standard errors of the effects' parameters in the fit's variable.
-fn fit_errors(d: &Diagnosis) -> BTreeMap<crate::joint::P, f64> {
+fn fit_errors(d: &Diagnosis) -> BTreeMap<P, f64> {
     let o = fit::Objective {
         problem: &d.problem,
         runs: d.fit_runs.clone(),
@@ -276,7 +295,7 @@ fn fit_errors(d: &Diagnosis) -> BTreeMap<crate::joint::P, f64> {
         robust: d.floor.repeat.is_some(),
     };
     let cost = o.data_cost(&d.selection.model.params);
-    let scale = (cost / d.independent).sqrt();
+    let scale = NARROW * (cost / d.independent).sqrt();
     let free = &d.selection.model.free;
     fit::standard_errors(&o, &d.selection.model)
         .iter()

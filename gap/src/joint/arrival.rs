@@ -177,6 +177,8 @@ pub fn lattice(runs: &[RunData]) -> Option<f64> {
 /// How regularly set-points arrive.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Regularity {
+    /// Changed set-points behind these figures.
+    pub sent: f64,
     /// Share of changed set-points that never arrived.
     pub lost: f64,
     /// Shortest delay, s.
@@ -219,6 +221,7 @@ pub fn regularity(runs: &[RunData]) -> Option<Regularity> {
     let least = crate::math::quantile(&delays, 0.05) - 0.5 * doubt;
     let square = |d: &f64| (d - least).max(0.0) * (d - least).max(0.0);
     Some(Regularity {
+        sent,
         lost: lost / sent,
         least_s: least.max(0.0),
         range_s: crate::math::quantile(&delays, 0.98) - crate::math::quantile(&delays, 0.02),
