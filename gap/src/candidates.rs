@@ -150,6 +150,10 @@ pub fn nominal(problem: &Problem) -> Vec<Free> {
             out.push(log(P::Supply, k.supply));
         }
     }
+    let electrical = [Channel::Current, Channel::BusVoltage, Channel::Effort];
+    if electrical.iter().any(|c| measured(problem, *c)) {
+        out.push(read_after());
+    }
     if n.command == Command::Position {
         if k.kp.is_some() || !volts || k.stall.is_some() {
             out.push(log(P::LoopGain, k.kp.map(exact)));
@@ -173,6 +177,17 @@ fn speed_delay() -> Free {
         low: 0.0,
         high: 2.5,
         tolerance: Some(0.5),
+    }
+}
+
+/// When within a controller's tick a row's current was read is not said by a data set, and is no gap.
+fn read_after() -> Free {
+    Free {
+        p: P::ReadAfter,
+        map: Map::Linear { scale: 1.0 },
+        low: 0.0,
+        high: 1.0,
+        tolerance: Some(1.0),
     }
 }
 
@@ -476,7 +491,8 @@ fn friction(list: &mut List, s: &Scales) {
         p: P::StribeckSpeed,
         map: Map::Log,
         low: 1e-3 * s.speed,
-        high: 3.0 * s.speed,
+        // Beyond the speeds of the motion the law is one with dry friction.
+        high: 0.7 * s.speed,
         tolerance: None,
     };
     let starts = [0.05, 0.2, 0.7]

@@ -25,9 +25,8 @@ pub fn stage_of(p: P) -> Stage {
         LoopGain | Damping | SpeedDelay | Deadband | SlewLimit | FeedbackDelay | Lag => {
             Stage::Driver
         }
-        Motor | Ampere | Resistance | CurrentLimit | TorqueLimit | DerateTime | DerateShare => {
-            Stage::Electrical
-        }
+        Motor | Ampere | ReadAfter | Resistance | CurrentLimit | TorqueLimit | DerateTime
+        | DerateShare => Stage::Electrical,
         Supply | Sag => Stage::Supply,
         Play | OutputPlay | Flexibility => Stage::Transmission,
         _ => Stage::Drivetrain,

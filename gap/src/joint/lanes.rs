@@ -81,6 +81,7 @@ struct Model<'a> {
     output_play: F,
     flexibility: F,
     record_scale: F,
+    read_after: F,
     /// Steps of the controller's speed estimate; `None` where it is exact.
     speed: Option<[f64; LANES]>,
     /// Ticks of a controller slower than the steps: it holds its output from tick to tick.
@@ -179,6 +180,7 @@ fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> {
         output_play: get(P::OutputPlay),
         flexibility: get(P::Flexibility),
         record_scale: get(P::RecordScale),
+        read_after: get(P::ReadAfter),
         speed: speed_steps(p, n.period_s, dt),
         delay_steps,
         ticks_per_step: (n.period_s > 1.5 * dt).then(|| dt / n.period_s),
@@ -561,11 +563,13 @@ pub fn simulate_lanes(run: &RunData, params: &[Params], dt_s: f64, trace: &mut V
     trace.resize(run.samples.len(), last);
 }
 
-/// Angles run on between steps. A row at the very instant of a step holds what the controller read before it acted: the
-/// current and voltage of the duty before, and the duty that follows.
+/// Angles run on between steps. A row at the very instant of a step holds the duty that follows; current and voltage were
+/// read before the controller acted, after it, or in between: the data format does not say, a parameter does.
 fn blend(m: &Model<'_>, mut after: Row, before: &Before, part: f64) -> Row {
     if part < AT_STEP {
-        (after[1], after[3], after[5]) = (before.current, before.bus, before.effort);
+        for (c, early) in [(1, before.current), (3, before.bus), (5, before.effort)] {
+            after[c] = early + m.read_after * (after[c] - early);
+        }
     }
     let part = F::splat(part);
     let (position, link) = (before.output * m.record_scale, before.link + m.mech);

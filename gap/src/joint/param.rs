@@ -34,6 +34,7 @@ params! {
     Skew = 0.0, "robot clock rate minus 1";
     Played = 0.0, "1: the clock plays the gait, set-points still leave at their instants";
     Quantum = 0.0, "set-point step";
+    ReadAfter = 0.0, "0: a row at a tick holds current and voltage from before the controller acted, 1: from after";
     Deadband = 0.0, "half width of ignored errors";
     SlewLimit = f64::INFINITY, "largest speed of the set-point";
     FeedbackDelay = 0.0, "encoder delay in the controller, s";
