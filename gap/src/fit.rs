@@ -400,6 +400,12 @@ impl Objective<'_> {
         best
     }
 
+    /// Share of the recordings that `runs` hold.
+    fn part(&self, runs: &[usize]) -> f64 {
+        let count: f64 = runs.iter().map(|r| self.problem.runs[*r].count).sum();
+        count / self.recordings()
+    }
+
     /// Held-out cost of each fold: from `model`, one step towards the optimum of the other folds' runs, at the fold.
     /// The shares add up to a mean over all runs.
     #[must_use]
@@ -418,10 +424,22 @@ impl Objective<'_> {
                 }
             }
             self.add_prior(model, &mut rest);
-            let moved = step(model, &rest, 1e-3).unwrap_or_else(|| model.clone());
-            let share: f64 = mine.iter().map(|r| self.problem.runs[*r].count).sum();
-            let o = self.on(mine);
-            o.data_cost(&moved.params) * share / self.recordings()
+            let others: Vec<usize> = self
+                .runs
+                .iter()
+                .copied()
+                .filter(|r| !mine.contains(r))
+                .collect();
+            let on_rest = |m: &Model| {
+                self.on(others.clone()).data_cost(&m.params) * self.part(&others)
+                    + self.prior_cost(m)
+            };
+            // Where a parabola is no good picture of the cost, staying is better than its optimum.
+            let moved = step(model, &rest, 1e-3)
+                .filter(|m| on_rest(m) < rest.cost)
+                .unwrap_or_else(|| model.clone());
+            let share = self.part(&mine);
+            self.on(mine).data_cost(&moved.params) * share
         };
         folds.iter().map(one).collect()
     }

@@ -9,6 +9,8 @@ use crate::math;
 pub struct Floor {
     /// Fast noise and resolution of each channel; NaN where not measured.
     pub noise: [f64; CHANNELS],
+    /// Root mean square error that rounding to the column's own steps makes; 0 where no steps are seen.
+    pub resolution: [f64; CHANNELS],
     /// Spread of repeated runs around their mean; `None` without repeats.
     pub repeat: Option<[f64; CHANNELS]>,
     /// Standard deviation of each channel.
@@ -52,6 +54,32 @@ fn fast_noise(problem: &Problem, channel: usize) -> f64 {
     }
 }
 
+/// Rounding error of a column whose values stand on a lattice; 0 for one of many digits.
+fn resolution(problem: &Problem, channel: usize) -> f64 {
+    // Share of the values that must stand on the lattice, and how near, in steps: numbers are printed with few digits.
+    const ON: f64 = 0.95;
+    const NEAR: f64 = 0.1;
+    let mut sizes = Vec::new();
+    for run in &problem.runs {
+        let v = values(run, channel);
+        let step = files::dataset::quantum(&v);
+        let Some(first) = v.first().filter(|_| step > 0.0) else {
+            continue;
+        };
+        let on = |x: &&f64| {
+            let steps = (**x - first) / step;
+            (steps - steps.round()).abs() < NEAR
+        };
+        let share = v.iter().filter(on).count() as f64 / v.len() as f64;
+        sizes.push(if share > ON {
+            step / 12.0_f64.sqrt()
+        } else {
+            0.0
+        });
+    }
+    math::median(&sizes)
+}
+
 fn time_s(run: &RunData, row: usize, dt_s: f64) -> f64 {
     (run.samples[row].step as f64 + run.samples[row].part) * dt_s
 }
@@ -85,6 +113,7 @@ fn difference(a: &RunData, b: &RunData, channel: usize, dt_s: f64) -> Vec<f64> {
 pub fn floor(problem: &Problem) -> Floor {
     let mut out = Floor {
         noise: [f64::NAN; CHANNELS],
+        resolution: [0.0; CHANNELS],
         repeat: None,
         spread: [f64::NAN; CHANNELS],
     };
@@ -104,8 +133,10 @@ pub fn floor(problem: &Problem) -> Floor {
                 d.push(math::rms(&difference(a, b, c, problem.dt_s)) / 2.0_f64.sqrt());
             }
         }
+        out.resolution[c] = resolution(problem, c);
         if !d.is_empty() {
-            *repeat = math::mean(&d);
+            // Repeats that a coarse encoder rounds alike repeat better than they are known.
+            *repeat = math::mean(&d).max(out.resolution[c]);
             // What two recordings share is motion, however fast.
             out.noise[c] = out.noise[c].min(*repeat);
         }
@@ -151,10 +182,16 @@ impl Floor {
     /// Cost of a perfect model against averages of `count` recordings.
     #[must_use]
     pub fn cost(&self, count: f64) -> f64 {
-        let one = |c: usize| self.of(c).max(self.noise[c]) / self.tolerance(c);
+        let one = |c: usize| {
+            let (noise, fixed) = (self.of(c).max(self.noise[c]), self.resolution[c]);
+            // Rounding is the same in every repeat and does not average away.
+            let fixed = fixed.min(noise);
+            let square = (noise * noise - fixed * fixed) / count + fixed * fixed;
+            square / (self.tolerance(c) * self.tolerance(c))
+        };
         (0..CHANNELS)
             .filter(|c| self.spread[*c] > 0.0)
-            .map(|c| one(c) * one(c) / count)
+            .map(one)
             .sum()
     }
 }

@@ -110,6 +110,8 @@ pub struct Selection {
     pub first: f64,
     /// Held-out cost at the end.
     pub held_out: f64,
+    /// Cost of the final model on what it was fitted to.
+    pub fitted: f64,
     /// Best rivals per effect found.
     pub rivals: Vec<Vec<Rival>>,
     /// Whether someone stopped the search before its end.
@@ -375,6 +377,7 @@ impl Search<'_> {
         Selection {
             first,
             held_out: node.held_out(),
+            fitted: self.objective.data_cost(&node.model.params),
             model: node.model,
             found: node.found,
             steps,

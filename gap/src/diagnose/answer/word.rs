@@ -9,8 +9,11 @@ pub(super) const REMAINDER: f64 = 2.2;
 /// Cost of the final model over what a model without a gap may have: the floor, and a share of the first cost that two
 /// simulators of one law may differ by.
 pub(super) fn remainder(d: &Diagnosis, settings: &Settings) -> f64 {
+    // A fold that alone shows a constant costs more when it is held out; that is no remainder.
+    const OPTIMISM: f64 = 1.1;
     let first = d.selection.first;
-    d.selection.held_out / (d.floor_cost + settings.options.model_error * first).max(1e-9)
+    let left = d.selection.held_out.min(OPTIMISM * d.selection.fitted);
+    left / (d.floor_cost + settings.options.model_error * first).max(1e-9)
 }
 
 /// Share of the first cost above the floor that the effects found take away.
