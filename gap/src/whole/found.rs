@@ -466,6 +466,23 @@ pub(super) fn next(classes: &[Ambiguous], word: Word) -> Option<NextExperiment> 
     }
 }
 
+/// Whether the signals tell of `e` without a fit: what was read off them and not found is not there.
+fn read_off(d: &Parts, e: Effect) -> bool {
+    let mut joints = d.data.runs.iter().flat_map(|r| &r.joints);
+    match e {
+        Effect::Latency
+        | Effect::Jitter
+        | Effect::PacketLoss
+        | Effect::Quantisation
+        | Effect::ClockSkew => joints.any(|j| j.applied.is_some()),
+        Effect::MotorConstant | Effect::WindingResistance => {
+            joints.any(|j| j.current.is_some() && j.duty.is_some())
+        }
+        Effect::SupplyVoltage | Effect::SupplySag => d.data.runs.iter().any(|r| r.bus_v.is_some()),
+        _ => false,
+    }
+}
+
 /// Effects that these signals could not show.
 pub(super) fn unseen(d: &Parts, settings: &Settings) -> Vec<Unseen> {
     let torque = d.joints.iter().any(|f| f.tier.torque);
@@ -498,7 +515,7 @@ pub(super) fn unseen(d: &Parts, settings: &Settings) -> Vec<Unseen> {
             {
                 "a servo that is strong enough hides it; record effort_nm or current_a"
             }
-            _ if known => continue,
+            _ if known || read_off(d, *e) => continue,
             Effect::GravityLoad | Effect::Inertia => {
                 "on the ground several contacts share a joint's load; a bench run of that joint shows it"
             }
