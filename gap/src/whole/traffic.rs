@@ -70,7 +70,8 @@ fn likelihood(rows: &[f64; BINS], p: &Played) -> f64 {
 
 /// Jitter, delay and unseen share that make the delays most likely; log-likelihood gained over a delay alone.
 pub(super) fn jitter(rows: &[f64; BINS], spacing_s: f64, row_s: f64) -> (f64, f64, Played, f64) {
-    const PACKETS: usize = 2000;
+    // Played traffic must be smoother than the counted one: with 2000 packets the size came out 8 % off.
+    const PACKETS: usize = 8000;
     let mut rng = math::Rng::new(1);
     let normals: Vec<f64> = (0..PACKETS).map(|_| rng.normal()).collect();
     let of = |sigma_s: f64, delay_s: f64, queue: bool| {
