@@ -40,9 +40,9 @@ pub(super) fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
             ci95: s.ci95,
         })
         .collect();
-    if remainder(d, settings) > REMAINDER && !measured_places(d, &mut rows, regime, settings) {
+    if remainder(d, settings) > REMAINDER {
         let before = before_driver(d);
-        if d.selection.found.is_empty() {
+        if !measured_places(d, &mut rows, regime, settings) && d.selection.found.is_empty() {
             suspect(d, &mut rows, regime, before);
         }
         if let Some(Some(stage)) = before {
