@@ -152,7 +152,8 @@ pub fn nominal(problem: &Problem) -> Vec<Free> {
     }
     let electrical = [Channel::Current, Channel::BusVoltage, Channel::Effort];
     if electrical.iter().any(|c| measured(problem, *c)) {
-        out.push(read_after());
+        // When within a controller's tick a row's current was read is not said by a data set.
+        out.push(habit(P::ReadAfter, 1.0, 1.0));
     }
     if n.command == Command::Position {
         if k.kp.is_some() || !volts || k.stall.is_some() {
@@ -161,33 +162,23 @@ pub fn nominal(problem: &Problem) -> Vec<Free> {
         if n.kd > 0.0 {
             out.push(log(P::Damping, k.kd.map(exact)));
             if n.period_s > 0.0 {
-                out.push(speed_delay());
+                // A loop that differentiates its encoder sees the speed between half a period (one difference) and two
+                // (a filtered one) late; a tachometer is not late at all.
+                out.push(habit(P::SpeedDelay, 2.5, 0.5));
             }
         }
     }
     out
 }
 
-/// A sampled loop that differentiates its encoder sees the speed between half a period (one difference) and two periods
-/// (a filtered one) late; a tachometer is not late at all. That is how such loops are built, no gap.
-fn speed_delay() -> Free {
+/// How a loop or a recording is built, from 0 to `high`; a prior, no gap.
+fn habit(p: P, high: f64, tolerance: f64) -> Free {
     Free {
-        p: P::SpeedDelay,
+        p,
         map: Map::Linear { scale: 1.0 },
         low: 0.0,
-        high: 2.5,
-        tolerance: Some(0.5),
-    }
-}
-
-/// When within a controller's tick a row's current was read is not said by a data set, and is no gap.
-fn read_after() -> Free {
-    Free {
-        p: P::ReadAfter,
-        map: Map::Linear { scale: 1.0 },
-        low: 0.0,
-        high: 1.0,
-        tolerance: Some(1.0),
+        high,
+        tolerance: Some(tolerance),
     }
 }
 
