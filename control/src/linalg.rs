@@ -185,6 +185,28 @@ impl Rot3 {
         }
     }
 
+    /// Rotation of a unit quaternion (w, x, y, z), Hamilton; of four zeros, none.
+    #[must_use]
+    pub fn from_quaternion([w, x, y, z]: [f32; 4]) -> Rot3 {
+        Rot3 {
+            x: Vec3::new(
+                1.0 - 2.0 * (y * y + z * z),
+                2.0 * (x * y + w * z),
+                2.0 * (x * z - w * y),
+            ),
+            y: Vec3::new(
+                2.0 * (x * y - w * z),
+                1.0 - 2.0 * (x * x + z * z),
+                2.0 * (y * z + w * x),
+            ),
+            z: Vec3::new(
+                2.0 * (x * z + w * y),
+                2.0 * (y * z - w * x),
+                1.0 - 2.0 * (x * x + y * y),
+            ),
+        }
+    }
+
     /// Unit quaternion (w, x, y, z), Hamilton, w >= 0.
     #[must_use]
     pub fn to_quaternion(&self) -> [f32; 4] {

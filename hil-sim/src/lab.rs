@@ -268,7 +268,7 @@ impl Lab {
             self.frames.kept.iter().map(move |frame| {
                 let base = Pose {
                     position_m: vec3(frame.base.position_m),
-                    rotation: rotation(frame.base.quaternion),
+                    rotation: Rot3::from_quaternion(frame.base.quaternion),
                 };
                 let poses = kinematics::forward(&robot, &frame.angles_rad).rebased(3, &base);
                 (frame.t_s, camera.view.render(&solids, poses.bodies()))
@@ -317,18 +317,4 @@ fn track(t_s: f64, base: &physics::Pose, tracker: &TrackerParams, rng: &mut Rng)
 
 fn vec3([x, y, z]: [f32; 3]) -> Vec3 {
     Vec3::new(x, y, z)
-}
-
-/// Rotation of a unit quaternion, w first.
-fn rotation([w, x, y, z]: [f32; 4]) -> Rot3 {
-    let column = |v: Vec3| {
-        // v + 2 u x (u x v + w v), with u the vector part.
-        let u = Vec3::new(x, y, z);
-        v + u.cross(u.cross(v) + v * w) * 2.0
-    };
-    Rot3 {
-        x: column(Vec3::new(1.0, 0.0, 0.0)),
-        y: column(Vec3::new(0.0, 1.0, 0.0)),
-        z: column(Vec3::new(0.0, 0.0, 1.0)),
-    }
 }

@@ -204,7 +204,7 @@ pub fn base_pose(base: &physics::Pose) -> Pose {
     let [x, y, z] = base.position_m;
     Pose {
         position_m: Vec3::new(x, y, z),
-        rotation: rotation(base.quaternion),
+        rotation: Rot3::from_quaternion(base.quaternion),
     }
 }
 
@@ -238,25 +238,4 @@ fn run_all(level: Level, trials: &[Trial], options: &Options) -> Vec<Outcome> {
 fn run_group(level: Level, trials: &[Trial], options: &Options) -> Vec<Outcome> {
     // Settings are ours and gaits have the robot's joints, so a refusal means a structure without outcomes: none are given.
     physics::run_at(level, trials, options).unwrap_or_default()
-}
-
-/// Rotation matrix of a unit quaternion, w first.
-fn rotation([w, x, y, z]: [f32; 4]) -> Rot3 {
-    Rot3 {
-        x: Vec3::new(
-            1.0 - 2.0 * (y * y + z * z),
-            2.0 * (x * y + w * z),
-            2.0 * (x * z - w * y),
-        ),
-        y: Vec3::new(
-            2.0 * (x * y - w * z),
-            1.0 - 2.0 * (x * x + z * z),
-            2.0 * (y * z + w * x),
-        ),
-        z: Vec3::new(
-            2.0 * (x * z + w * y),
-            2.0 * (y * z - w * x),
-            1.0 - 2.0 * (x * x + y * y),
-        ),
-    }
 }

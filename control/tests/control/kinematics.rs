@@ -181,6 +181,14 @@ fn quaternions_are_those_of_nalgebra() {
         for (f, w) in q.into_iter().zip([want.w, want.i, want.j, want.k]) {
             assert!((f64::from(f) - sign * w).abs() < 1e-5, "{q:?} {want:?}");
         }
+        let back = Rot3::from_quaternion(q);
+        let want = want.to_rotation_matrix();
+        for (column, axis) in [back.x, back.y, back.z].into_iter().zip(0..3) {
+            for (f, row) in column.to_array().into_iter().zip(0..3) {
+                let w = want[(row, axis)];
+                assert!((f64::from(f) - w).abs() < 1e-5, "{back:?} {want:?}");
+            }
+        }
     }
 }
 

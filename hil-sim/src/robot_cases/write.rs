@@ -192,32 +192,10 @@ fn bodies(robot: &RobotModel, sample: &Sample) -> Vec<CPose> {
     let [x, y, z] = sample.base.position_m;
     let base = CPose {
         position_m: Vec3::new(x, y, z),
-        rotation: rotation(sample.base.quaternion),
+        rotation: Rot3::from_quaternion(sample.base.quaternion),
     };
     kinematics::forward(robot, &sample.link_rad)
         .rebased(3, &base)
         .bodies()
         .to_vec()
-}
-
-/// Rotation of a unit quaternion, w first: the images of the unit vectors.
-fn rotation(q: [f32; 4]) -> Rot3 {
-    let [w, x, y, z] = q;
-    Rot3 {
-        x: Vec3::new(
-            1.0 - 2.0 * (y * y + z * z),
-            2.0 * (x * y + w * z),
-            2.0 * (x * z - w * y),
-        ),
-        y: Vec3::new(
-            2.0 * (x * y - w * z),
-            1.0 - 2.0 * (x * x + z * z),
-            2.0 * (y * z + w * x),
-        ),
-        z: Vec3::new(
-            2.0 * (x * z + w * y),
-            2.0 * (y * z - w * x),
-            1.0 - 2.0 * (x * x + y * y),
-        ),
-    }
 }
