@@ -195,7 +195,7 @@ impl Tier {
         let [x, y, z] = base.position_m;
         let pose = Pose {
             position_m: Vec3::new(x, y, z),
-            rotation: rotation(base.quaternion),
+            rotation: Rot3::from_quaternion(base.quaternion),
         };
         Some(
             kinematics::forward(&self.robot, &q)
@@ -248,18 +248,6 @@ impl Tier {
         let p = self.dropped;
         (p > LEAST_DROP).then(|| (p, (p * (1.0 - p) / self.expected.max(1.0)).sqrt()))
     }
-}
-
-pub(super) fn rotation(q: [f32; 4]) -> Rot3 {
-    let [w, x, y, z] = q;
-    let sine = (x * x + y * y + z * z).sqrt();
-    if sine < 1e-9 {
-        return Rot3::IDENTITY;
-    }
-    Rot3::about(
-        Vec3::new(x / sine, y / sine, z / sine),
-        2.0 * libm::atan2f(sine, w),
-    )
 }
 
 impl Evaluate for Tier {

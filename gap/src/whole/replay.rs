@@ -5,15 +5,15 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 
 use control::kinematics;
-use control::linalg::{Pose, Vec3};
+use control::linalg::{Pose, Rot3, Vec3};
 use control::robot::RobotModel;
 use files::model::Model;
 use physics::{Outcome, Params};
 
-use super::camera::{robot, rotation};
+use super::camera::robot;
 use super::data::{Data, JOINTS, Run};
-use super::page::escape;
 use super::{predict, windows};
+use crate::report::{Axes, Curve, escape, plot};
 
 /// Pictures per second: a body of 0.44 m at a few cm/s needs no more.
 const RATE_HZ: f64 = 10.0;
@@ -21,45 +21,62 @@ const RATE_HZ: f64 = 10.0;
 /// Centres of the four cubes in the world, m.
 type Cubes = [Vec3; 4];
 
+/// What is seen of the robot at one instant.
+#[derive(Debug, Clone, PartialEq)]
+struct Picture {
+    cubes: Cubes,
+    /// Encoder angles, rad.
+    angles_rad: [f32; JOINTS],
+}
+
 /// One run three times.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Replay {
     name: String,
     /// Measured, before, after; as many pictures each.
-    films: [Vec<Cubes>; 3],
+    films: [Vec<Picture>; 3],
 }
 
 fn cubes(robot: &RobotModel, base: &physics::Pose, angles: [f32; JOINTS]) -> Cubes {
     let [x, y, z] = base.position_m;
     let pose = Pose {
         position_m: Vec3::new(x, y, z),
-        rotation: rotation(base.quaternion),
+        rotation: Rot3::from_quaternion(base.quaternion),
     };
     kinematics::forward(robot, &angles)
         .rebased(3, &pose)
         .cube_centres_m()
 }
 
-fn measured(run: &Run, robot: &RobotModel, count: usize) -> Option<Vec<Cubes>> {
+fn measured(run: &Run, robot: &RobotModel, count: usize) -> Option<Vec<Picture>> {
     let base = run.base.as_ref()?;
     let one = |i: usize| {
         let t_s = i as f64 / RATE_HZ;
-        let mut angles = [0.0; JOINTS];
-        for (angle, joint) in angles.iter_mut().zip(&run.joints) {
-            *angle = joint.link.as_ref().or(joint.position.as_ref())?.at(t_s) as f32;
+        let (mut links, mut angles_rad) = ([0.0; JOINTS], [0.0; JOINTS]);
+        for (k, joint) in run.joints.iter().enumerate().take(JOINTS) {
+            let (link, encoder) = (joint.link.as_ref(), joint.position.as_ref());
+            links[k] = link.or(encoder)?.at(t_s) as f32;
+            angles_rad[k] = encoder.or(link)?.at(t_s) as f32;
         }
         let (pose, _) = windows::base_state(base, t_s)?;
-        Some(cubes(robot, &pose, angles))
+        Some(Picture {
+            cubes: cubes(robot, &pose, links),
+            angles_rad,
+        })
     };
     (0..count).map(one).collect()
 }
 
-fn simulated(outcome: &Outcome, robot: &RobotModel, count: usize) -> Option<Vec<Cubes>> {
+fn simulated(outcome: &Outcome, robot: &RobotModel, count: usize) -> Option<Vec<Picture>> {
     let every = predict::RATE_HZ / RATE_HZ;
     let one = |i: usize| {
         let k = (i as f64 * every) as usize;
-        let angles = outcome.angles_rad.get(k * JOINTS..(k + 1) * JOINTS)?;
-        Some(cubes(robot, outcome.poses.get(k)?, angles.try_into().ok()?))
+        let row = k * JOINTS..(k + 1) * JOINTS;
+        let links = outcome.angles_rad.get(row.clone())?.try_into().ok()?;
+        Some(Picture {
+            cubes: cubes(robot, outcome.poses.get(k)?, links),
+            angles_rad: outcome.encoders_rad.get(row)?.try_into().ok()?,
+        })
     };
     (0..count).map(one).collect()
 }
@@ -90,12 +107,55 @@ impl Replay {
         })
     }
 
+    /// The path from above, and the angles of the joints `named`.
+    pub(super) fn plots(&self, named: &[usize]) -> String {
+        let curves = |point: &dyn Fn(usize, &Picture) -> (f64, f64)| -> Vec<Curve<'static>> {
+            let names = ["measured", "simulated before", "simulated after"];
+            let film = |(colour, f): (usize, &Vec<Picture>)| Curve {
+                name: names[colour],
+                colour,
+                points: f.iter().enumerate().map(|(i, p)| point(i, p)).collect(),
+            };
+            self.films.iter().enumerate().map(film).collect()
+        };
+        let middle = |p: &Picture, of: fn(&Vec3) -> f32| {
+            let sum: f32 = p.cubes.iter().map(of).sum();
+            f64::from(sum) / p.cubes.len() as f64
+        };
+        let path = Axes {
+            title: &format!("{}: path of the robot's middle, from above", self.name),
+            x: "x [m]",
+            y: "y [m]",
+            map: true,
+        };
+        let mut s = plot(
+            &path,
+            &curves(&|_, p| (middle(p, |c| c.x), middle(p, |c| c.y))),
+        );
+        for k in named {
+            let angle = Axes {
+                title: &format!("{}: joint {k}", self.name),
+                x: "time [s]",
+                y: "encoder angle [rad]",
+                map: false,
+            };
+            s.push_str(&plot(
+                &angle,
+                &curves(&|i, p| {
+                    let angle = p.angles_rad.get(*k).copied().unwrap_or(0.0);
+                    (i as f64 / RATE_HZ, f64::from(angle))
+                }),
+            ));
+        }
+        s
+    }
+
     /// The drawing, with its script.
     pub(super) fn html(&self, s: &mut String) {
-        let film = |f: &Vec<Cubes>| {
+        let film = |f: &Vec<Picture>| {
             let numbers: Vec<String> = f
                 .iter()
-                .flatten()
+                .flat_map(|p| &p.cubes)
                 .flat_map(|c| c.to_array().map(|x| format!("{:.0}", 1000.0 * x)))
                 .collect();
             format!("[{}]", numbers.join(","))
