@@ -11,6 +11,7 @@ mod next;
 mod programme;
 mod report;
 mod score;
+mod score_joint;
 mod score_whole;
 mod shipped;
 mod whole;

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use hil_sim::bench_cases;
 use serde_json::{Value, json};
 
-use super::{blind_whole, input, score};
+use super::{blind_whole, input, score_joint};
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 
@@ -248,9 +248,9 @@ fn score_all(
         return Err(Failure::say(Exit::Check, text));
     }
     let (table, name) = if args.leave_one_out {
-        (score::left_out(&pairs), "score_left_out.md")
+        (score_joint::left_out(&pairs), "score_left_out.md")
     } else {
-        (score::table(&pairs), "score.md")
+        (score_joint::table(&pairs), "score.md")
     };
     write(&args.output.join(name), &table.markdown())?;
     let value = json!({ "labels_sha256": seal, "seed": args.seed, "rows": table.json(), "failures": table.failures });

@@ -1,9 +1,12 @@
-//! Scores of a blind check: opened labels against verdicts.
+//! Opened labels against verdicts: one case, groups of cases, and the table of figures that every check writes.
 
+use gap::vocabulary::Effect;
 use serde_json::{Value, json};
 
 /// A cause is detectable when an oracle could gain more than this many floors by it.
 const DETECTABLE: f64 = 2.0;
+/// Largest class that counts as an answer.
+const CLASS: usize = 3;
 
 /// Score table.
 pub(super) struct Table {
@@ -46,147 +49,192 @@ impl Table {
     }
 }
 
+/// A figure with its number of cases and what was aimed at.
+pub(super) fn row(name: &'static str, value: Option<f64>, of: usize, target: &'static str) -> Row {
+    Row {
+        name,
+        value,
+        of,
+        target,
+    }
+}
+
+/// Effect and joint.
+type Cause = (String, Option<u64>);
+
+fn list(v: &Value) -> &[Value] {
+    v.as_array().map(Vec::as_slice).unwrap_or_default()
+}
+
+fn cause(v: &Value) -> Cause {
+    let name = v["effect"].as_str().unwrap_or("");
+    (name.to_owned(), v["joint"].as_u64())
+}
+
+/// Stage of an effect; those that no vocabulary holds have one too.
+fn stage(effect: &str) -> &'static str {
+    match effect {
+        "position_friction" | "hysteretic_spring" => "drivetrain",
+        "zero_drift" => "conventions",
+        "asymmetric_gain" => "electrical",
+        "friction_drift" => "body",
+        name => Effect::from_name(name).map_or("", |e| e.stage().name()),
+    }
+}
+
 /// One opened case.
-struct Opened<'a> {
-    label: &'a Value,
-    verdict: &'a Value,
-    truth: Vec<&'a str>,
-    classes: Vec<Vec<&'a str>>,
+pub(super) struct Opened {
+    pub(super) label: Value,
+    pub(super) verdict: Value,
+    pub(super) truth: Vec<Cause>,
+    /// What was said: for each effect found, the members of its class.
+    pub(super) said: Vec<Vec<Cause>>,
 }
 
-fn names(v: &Value, key: &str) -> Vec<String> {
-    let list = v.as_array().map(Vec::as_slice).unwrap_or_default();
-    list.iter()
-        .filter_map(|x| x[key].as_str())
-        .map(str::to_string)
-        .collect()
-}
-
-impl<'a> Opened<'a> {
-    fn new(pair: &'a (Value, Value)) -> Self {
-        let (label, verdict) = pair;
-        let array = |v: &'a Value| v.as_array().map(Vec::as_slice).unwrap_or_default();
-        let truth = array(&label["planted"])
-            .iter()
-            .filter_map(|p| p["effect"].as_str())
-            .collect();
-        let class = |e: &'a Value| -> Vec<&'a str> {
-            let own = e["effect"].as_str().unwrap_or("");
-            let mine = array(&verdict["ambiguous"])
+impl Opened {
+    /// A case of the whole robot.
+    pub(super) fn new((label, verdict): &(Value, Value)) -> Self {
+        let class = |e: &Value| {
+            let own = cause(e);
+            let members = |a: &Value| list(&a["members"]).iter().map(cause).collect::<Vec<_>>();
+            list(&verdict["ambiguous"])
                 .iter()
-                .find(|a| array(&a["effects"]).iter().any(|x| x == own));
-            mine.map_or(vec![own], |a| {
-                array(&a["effects"])
-                    .iter()
-                    .filter_map(Value::as_str)
-                    .collect()
-            })
+                .map(members)
+                .find(|m| m.contains(&own))
+                .unwrap_or_else(|| vec![own])
         };
-        let classes = array(&verdict["effects"]).iter().map(class).collect();
         Self {
-            label,
-            verdict,
-            truth,
-            classes,
+            truth: list(&label["planted"]).iter().map(cause).collect(),
+            said: list(&verdict["effects"]).iter().map(class).collect(),
+            label: label.clone(),
+            verdict: verdict.clone(),
         }
     }
 
-    fn kind(&self) -> &str {
+    /// A case of one joint: its verdict has a joint's number, its label has none.
+    pub(super) fn bench((label, verdict): &(Value, Value)) -> Self {
+        let mut verdict = verdict.clone();
+        let blank = |list: &mut Value| {
+            for row in list.as_array_mut().into_iter().flatten() {
+                row["joint"] = Value::Null;
+            }
+        };
+        blank(&mut verdict["effects"]);
+        for class in verdict["ambiguous"].as_array_mut().into_iter().flatten() {
+            blank(&mut class["members"]);
+        }
+        Self::new(&(label.clone(), verdict))
+    }
+
+    pub(super) fn kind(&self) -> &str {
         self.label["kind"].as_str().unwrap_or("")
     }
 
-    fn word(&self) -> &str {
+    pub(super) fn word(&self) -> &str {
         self.verdict["verdict"].as_str().unwrap_or("")
     }
 
-    fn detectable(&self) -> bool {
-        let list = self.label["planted"]
-            .as_array()
-            .map(Vec::as_slice)
-            .unwrap_or_default();
-        !list.is_empty()
-            && list
+    pub(super) fn floors(&self, key: &str) -> bool {
+        let planted = list(&self.label["planted"]);
+        let size = |p: &Value| p[key].as_f64().or_else(|| p["floors"].as_f64());
+        let enough = |p: &Value| size(p).unwrap_or(0.0) > DETECTABLE;
+        !planted.is_empty() && planted.iter().all(enough)
+    }
+
+    pub(super) fn top_right(&self) -> bool {
+        let first = self.said.first();
+        first.is_some_and(|c| c.len() <= CLASS && self.truth.iter().any(|t| c.contains(t)))
+    }
+
+    pub(super) fn hits(&self) -> usize {
+        let named = |t: &&Cause| self.said.iter().any(|c| c.len() <= CLASS && c.contains(t));
+        self.truth.iter().filter(named).count()
+    }
+
+    pub(super) fn exact(&self) -> bool {
+        self.hits() == self.truth.len() && self.said.len() == self.truth.len()
+    }
+
+    /// Place of the first effect said.
+    fn said_at(&self) -> Option<(&str, Option<u64>)> {
+        let (effect, joint) = self.said.first().and_then(|c| c.first())?;
+        Some((stage(effect), *joint))
+    }
+
+    /// The first place of the gap.
+    fn seen_at(&self) -> Option<(&str, Option<u64>)> {
+        let known = |w: &&Value| w["stage"] != "unexplained";
+        let first = list(&self.verdict["where"]).iter().find(known)?;
+        Some((first["stage"].as_str()?, first["joint"].as_u64()))
+    }
+
+    /// The first effect said, or where there is none, the first place of the gap.
+    fn place(&self) -> (&str, Option<u64>) {
+        let place = self.said_at().or_else(|| self.seen_at());
+        place.unwrap_or(("", None))
+    }
+
+    fn true_stage(&self, place: Option<(&str, Option<u64>)>) -> bool {
+        place.is_some_and(|(said, _)| self.truth.iter().any(|(t, _)| stage(t) == said))
+    }
+
+    /// Whether the first effect said acts in a stage of the truth.
+    pub(super) fn stage_said(&self) -> bool {
+        self.true_stage(self.said_at())
+    }
+
+    /// Whether the first place of the gap is a stage of the truth, whatever effects were said.
+    pub(super) fn stage_seen(&self) -> bool {
+        self.true_stage(self.seen_at())
+    }
+
+    pub(super) fn stage_right(&self) -> bool {
+        self.true_stage(Some(self.place()))
+    }
+
+    pub(super) fn joint_right(&self) -> bool {
+        let (_, said) = self.place();
+        self.truth.iter().any(|(_, joint)| *joint == said)
+    }
+
+    /// Whether the best that was found leaves more than two floors.
+    pub(super) fn far_off(&self) -> bool {
+        let g = &self.verdict["gap"];
+        let floor = g["floor"].as_f64().unwrap_or(f64::INFINITY);
+        g["after"].as_f64().unwrap_or(0.0) > DETECTABLE * floor
+    }
+
+    /// Relative error of the first parameter of each rightly named effect.
+    pub(super) fn parameter_errors(&self) -> Vec<f64> {
+        let error = |p: &Value| {
+            let found = list(&self.verdict["effects"])
                 .iter()
-                .all(|p| p["floors"].as_f64().unwrap_or(0.0) > DETECTABLE)
-    }
-
-    fn top_right(&self) -> bool {
-        self.classes
-            .first()
-            .is_some_and(|c| c.len() <= 3 && self.truth.iter().any(|t| c.contains(t)))
-    }
-
-    fn hits(&self) -> usize {
-        self.truth
+                .find(|e| cause(e) == cause(p))?;
+            let key = *Effect::from_name(p["effect"].as_str()?)?
+                .parameters()
+                .first()?;
+            let truth = p["parameters"][key].as_f64()?;
+            let said = found["parameters"][key]["value"].as_f64()?;
+            Some(((said - truth) / truth).abs())
+        };
+        list(&self.label["planted"])
             .iter()
-            .filter(|t| self.classes.iter().any(|c| c.contains(t)))
-            .count()
-    }
-
-    fn exact(&self) -> bool {
-        self.hits() == self.truth.len() && self.classes.len() == self.truth.len()
-    }
-
-    fn stage_right(&self) -> bool {
-        let stage =
-            |e: &str| gap::vocabulary::Effect::from_name(e).map(gap::vocabulary::Effect::stage);
-        let top = self
-            .classes
-            .first()
-            .and_then(|c| c.first())
-            .and_then(|e| stage(e));
-        self.truth
-            .iter()
-            .any(|t| stage(t).is_some() && stage(t) == top)
-    }
-
-    /// Relative errors of the parameters of rightly named effects.
-    fn parameter_errors(&self) -> Vec<f64> {
-        let mut out = Vec::new();
-        let found = self.verdict["effects"]
-            .as_array()
-            .map(Vec::as_slice)
-            .unwrap_or_default();
-        for p in self.label["planted"]
-            .as_array()
-            .map(Vec::as_slice)
-            .unwrap_or_default()
-        {
-            let Some(e) = found.iter().find(|e| e["effect"] == p["effect"]) else {
-                continue;
-            };
-            // The first parameter is the size of the effect.
-            let Some((key, truth)) = p["parameters"].as_object().and_then(|m| {
-                let first = gap::vocabulary::Effect::from_name(p["effect"].as_str()?)?
-                    .parameters()
-                    .first()?;
-                Some((*first, m.get(*first)?.as_f64()?))
-            }) else {
-                continue;
-            };
-            if let Some(v) = e["parameters"][key]["value"].as_f64() {
-                out.push(((v - truth) / truth).abs());
-            }
-        }
-        out
+            .filter_map(error)
+            .collect()
     }
 
     /// For every parameter of rightly named effects whether its 95 % interval holds the truth.
-    fn covered(&self) -> Vec<bool> {
-        let list = |v: &'a Value| v.as_array().map(Vec::as_slice).unwrap_or_default();
+    pub(super) fn covered(&self) -> Vec<bool> {
         let mut out = Vec::new();
         for p in list(&self.label["planted"]) {
-            let Some(e) = list(&self.verdict["effects"])
-                .iter()
-                .find(|e| e["effect"] == p["effect"])
-            else {
+            let mut found = list(&self.verdict["effects"]).iter();
+            let Some(e) = found.find(|e| cause(e) == cause(p)) else {
                 continue;
             };
             for (key, truth) in p["parameters"].as_object().into_iter().flatten() {
                 let ci = &e["parameters"][key.as_str()]["ci95"];
-                if let (Some(t), Some(a), Some(b)) =
-                    (truth.as_f64(), ci[0].as_f64(), ci[1].as_f64())
-                {
+                let ends = (truth.as_f64(), ci[0].as_f64(), ci[1].as_f64());
+                if let (Some(t), Some(a), Some(b)) = ends {
                     out.push(a <= t && t <= b);
                 }
             }
@@ -194,32 +242,71 @@ impl<'a> Opened<'a> {
         out
     }
 
-    fn told(&self) -> String {
-        let planted: Vec<String> = self.label["planted"].as_array().map_or(vec![], |l| {
-            l.iter()
-                .map(|p| {
-                    format!(
-                        "{} {} ({:.1} floors)",
-                        p["effect"].as_str().unwrap_or(""),
-                        p["parameters"],
-                        p["floors"].as_f64().unwrap_or(0.0)
-                    )
-                })
-                .collect()
-        });
-        let said = names(&self.verdict["effects"], "effect").join(", ");
-        let name = self.label["name"].as_str().unwrap_or("");
+    /// Stated probability of what was said, and whether it was right.
+    fn stated(&self) -> (f64, bool) {
+        let p = |key: &str| self.verdict["probabilities"][key].as_f64().unwrap_or(0.0);
+        let right = match self.kind() {
+            "null" => self.word() == "none",
+            "outside" => self.word() == "unknown",
+            _ => self.hits() > 0,
+        };
+        let stated = match self.word() {
+            "none" => p("none"),
+            "unknown" => p("unknown"),
+            _ => 1.0 - p("none") - p("unknown"),
+        };
+        (stated, right)
+    }
+
+    pub(super) fn told(&self) -> String {
+        let name = |c: &Cause| {
+            let joint = c.1.map_or(String::new(), |j| format!("@{j}"));
+            format!("{}{joint}", c.0)
+        };
+        let planted: Vec<String> = list(&self.label["planted"])
+            .iter()
+            .map(|p| {
+                let f = |key: &str| p[key].as_f64().unwrap_or(0.0);
+                let mut size = format!("{:.1} floors", f("floors"));
+                if p["floors_any"] != p["floors"] {
+                    size.push_str(&format!(", any channel {:.1}", f("floors_any")));
+                }
+                if p["readings_too"] == true {
+                    size.push_str(", readings too");
+                }
+                format!("{} {} ({size})", name(&cause(p)), p["parameters"])
+            })
+            .collect();
+        let said: Vec<String> = self
+            .said
+            .iter()
+            .map(|c| c.iter().map(name).collect::<Vec<_>>().join("|"))
+            .collect();
         format!(
-            "{name} [{}]: planted {}; said {} [{said}]",
+            "{} [{}]: planted {}; said {} [{}]",
+            self.label["name"].as_str().unwrap_or(""),
             self.kind(),
-            planted.join(" + "),
-            self.word()
+            if planted.is_empty() {
+                "nothing".to_owned()
+            } else {
+                planted.join(" + ")
+            },
+            self.word(),
+            said.join(", ")
         )
     }
 }
 
-fn share(list: &[&Opened<'_>], test: impl Fn(&Opened<'_>) -> bool) -> Option<f64> {
-    (!list.is_empty()).then(|| list.iter().filter(|o| test(o)).count() as f64 / list.len() as f64)
+pub(super) type Group<'a> = &'a [&'a Opened];
+
+pub(super) fn share(group: Group<'_>, test: impl Fn(&Opened) -> bool) -> Option<f64> {
+    let right = group.iter().filter(|o| test(o)).count();
+    (!group.is_empty()).then(|| right as f64 / group.len() as f64)
+}
+
+/// All over some, where there are some.
+pub(super) fn ratio(some: usize, all: usize) -> Option<f64> {
+    (all > 0).then(|| some as f64 / all as f64)
 }
 
 pub(super) fn median(mut v: Vec<f64>) -> Option<f64> {
@@ -227,121 +314,68 @@ pub(super) fn median(mut v: Vec<f64>) -> Option<f64> {
     v.get(v.len() / 2).copied()
 }
 
-/// Expected calibration error over ten bins of the top answer's probability.
-fn calibration(list: &[&Opened<'_>]) -> Option<f64> {
-    let mut bins = [(0.0, 0.0, 0.0); 10];
-    for o in list {
-        let p = &o.verdict["probabilities"];
-        let (none, unknown) = (
-            p["none"].as_f64().unwrap_or(0.0),
-            p["unknown"].as_f64().unwrap_or(0.0),
-        );
-        let some = 1.0 - none - unknown;
-        let right = match o.kind() {
-            "null" => o.word() == "none",
-            "outside" => o.word() == "unknown",
-            _ => o.hits() > 0,
-        };
-        let stated = if o.word() == "none" {
-            none
-        } else if o.word() == "unknown" {
-            unknown
-        } else {
-            some
-        };
-        let k = ((stated * 10.0) as usize).min(9);
-        bins[k].0 += 1.0;
-        bins[k].1 += stated;
-        bins[k].2 += f64::from(u8::from(right));
-    }
-    let n = list.len() as f64;
-    (n > 0.0).then(|| {
-        bins.iter()
-            .filter(|b| b.0 > 0.0)
-            .map(|b| (b.1 - b.2).abs() / n)
-            .sum()
-    })
-}
-
-/// The figures of the mixed suite.
-pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
-    let all: Vec<Opened<'_>> = pairs.iter().map(Opened::new).collect();
-    let pick = |f: &dyn Fn(&Opened<'_>) -> bool| -> Vec<&Opened<'_>> {
-        all.iter().filter(|o| f(o)).collect()
-    };
-    let nulls = pick(&|o| o.kind() == "null");
-    let singles = pick(&|o| o.kind() == "single" && o.detectable());
-    let every_single = pick(&|o| o.kind() == "single");
-    let pairs = pick(&|o| o.kind() == "pair" && o.detectable());
-    let outside = pick(&|o| o.kind() == "outside" && o.detectable());
-    let inside = pick(&|o| o.kind() != "outside");
-    let known = pick(&|o| matches!(o.kind(), "single" | "pair" | "triple") && o.hits() > 0);
-    let hits: usize = pairs.iter().map(|o| o.hits()).sum();
-    let said: usize = pairs.iter().map(|o| o.classes.len()).sum();
-    let truth: usize = pairs.iter().map(|o| o.truth.len()).sum();
-    let ratio = |a: usize, b: usize| (b > 0).then(|| a as f64 / b as f64);
-    let sizes: Vec<f64> = known
-        .iter()
-        .flat_map(|o| o.classes.iter().map(|c| c.len() as f64))
-        .collect();
+/// The figures that every suite ends with: size of classes, shrink, parameters, intervals.
+pub(super) fn sizes(known: Group<'_>, singles: Group<'_>) -> Vec<Row> {
+    let right = || known.iter().filter(|o| o.hits() > 0);
+    let classes = || right().flat_map(|o| &o.said);
+    let members: usize = classes().map(Vec::len).sum();
     let shrink: Vec<f64> = singles
         .iter()
         .filter_map(|o| o.verdict["gap"]["shrink_of_achievable"].as_f64())
         .collect();
     let errors: Vec<f64> = singles.iter().flat_map(|o| o.parameter_errors()).collect();
     let covered: Vec<bool> = singles.iter().flat_map(|o| o.covered()).collect();
-    let row = |name, value, of, target| Row {
-        name,
-        value,
-        of,
-        target,
-    };
-    let rows = vec![
+    let inside = covered.iter().filter(|c| **c).count();
+    let (shrinks, sizes) = (shrink.len(), errors.len());
+    vec![
         row(
-            "top-1, detectable singles",
-            share(&singles, |o| o.top_right()),
-            singles.len(),
-            ">= 0.97",
+            "mean class size",
+            ratio(members, classes().count()),
+            right().count(),
+            "<= 1.3",
         ),
         row(
-            "top-1, all singles",
-            share(&every_single, |o| o.top_right()),
-            every_single.len(),
-            "-",
-        ),
-        row(
-            "exact set, detectable singles",
-            share(&singles, |o| o.exact()),
-            singles.len(),
-            ">= 0.95",
-        ),
-        row(
-            "stage, detectable singles",
-            share(&singles, |o| o.stage_right()),
-            singles.len(),
+            "shrink of achievable, median",
+            median(shrink),
+            shrinks,
             ">= 0.99",
         ),
+        row("parameter error, median", median(errors), sizes, "<= 0.02"),
         row(
-            "precision, detectable pairs",
-            ratio(hits, said),
-            pairs.len(),
-            ">= 0.97",
+            "truth inside the 95 % interval",
+            ratio(inside, covered.len()),
+            covered.len(),
+            "0.93 to 0.97",
         ),
-        row(
-            "recall, detectable pairs",
-            ratio(hits, truth),
-            pairs.len(),
-            ">= 0.95",
-        ),
-        row(
-            "exact, detectable pairs",
-            share(&pairs, |o| o.exact()),
-            pairs.len(),
-            ">= 0.90",
-        ),
+    ]
+}
+
+/// Precision, recall and exactness of cases with several causes.
+pub(super) fn several(group: Group<'_>, names: [&'static str; 3]) -> Vec<Row> {
+    let count = |f: &dyn Fn(&Opened) -> usize| group.iter().map(|o| f(o)).sum::<usize>();
+    let (hits, n) = (count(&Opened::hits), group.len());
+    let precision = ratio(hits, count(&|o| o.said.len()));
+    let recall = ratio(hits, count(&|o| o.truth.len()));
+    let exact = share(group, Opened::exact);
+    vec![
+        row(names[0], precision, n, ">= 0.97"),
+        row(names[1], recall, n, ">= 0.95"),
+        row(names[2], exact, n, ">= 0.90"),
+    ]
+}
+
+/// None and unknown.
+pub(super) fn words(all: &[Opened]) -> Vec<Row> {
+    let pick =
+        |f: &dyn Fn(&Opened) -> bool| -> Vec<&Opened> { all.iter().filter(|o| f(o)).collect() };
+    let nulls = pick(&|o| o.kind() == "null");
+    let outside = pick(&|o| o.kind() == "outside" && o.floors("floors_any"));
+    let inside = pick(&|o| o.kind() != "outside");
+    let unknown = |o: &Opened| o.word() == "unknown";
+    vec![
         row(
             "false alarms on nulls (an effect named)",
-            share(&nulls, |o| !o.classes.is_empty()),
+            share(&nulls, |o| !o.said.is_empty()),
             nulls.len(),
             "<= 0.01",
         ),
@@ -353,108 +387,47 @@ pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
         ),
         row(
             "unknown found, detectable outside",
-            share(&outside, |o| o.word() == "unknown"),
+            share(&outside, unknown),
             outside.len(),
             ">= 0.90",
         ),
         row(
+            "unknown found and right stage",
+            share(&outside, |o| unknown(o) && o.stage_right()),
+            outside.len(),
+            "-",
+        ),
+        row(
             "false unknown",
-            share(&inside, |o| o.word() == "unknown"),
+            share(&inside, unknown),
             inside.len(),
             "<= 0.05",
         ),
-        row(
-            "mean class size",
-            (!sizes.is_empty()).then(|| sizes.iter().sum::<f64>() / sizes.len() as f64),
-            known.len(),
-            "<= 1.3",
-        ),
-        row(
-            "shrink of achievable, median",
-            median(shrink),
-            singles.len(),
-            ">= 0.99",
-        ),
-        row(
-            "parameter error, median",
-            median(errors.clone()),
-            errors.len(),
-            "<= 0.02",
-        ),
-        row(
-            "truth inside the 95 % interval",
-            ratio(covered.iter().filter(|c| **c).count(), covered.len()),
-            covered.len(),
-            "0.93 to 0.97",
-        ),
-        row(
-            "confidence calibration error",
-            calibration(&all.iter().collect::<Vec<_>>()),
-            all.len(),
-            "<= 0.05",
-        ),
-    ];
-    let wrong = |o: &&Opened<'_>| match o.kind() {
-        "null" => o.word() != "none",
-        "outside" => o.detectable() && o.word() != "unknown",
-        _ => o.detectable() && !o.exact(),
-    };
-    Table {
-        rows,
-        failures: all.iter().filter(wrong).map(Opened::told).collect(),
-    }
+    ]
 }
 
-/// The figures with the planted effect withheld from the library.
-pub(super) fn left_out(pairs: &[(Value, Value)]) -> Table {
-    let all: Vec<Opened<'_>> = pairs.iter().map(Opened::new).collect();
-    let detectable: Vec<&Opened<'_>> = all.iter().filter(|o| o.detectable()).collect();
-    let far = |o: &&&Opened<'_>| {
-        let g = &o.verdict["gap"];
-        g["after"].as_f64().unwrap_or(0.0)
-            > DETECTABLE * g["floor"].as_f64().unwrap_or(f64::INFINITY)
+/// Cases that failed, in words; `clear` are those that can be seen.
+pub(super) fn failures(all: &[Opened], clear: &dyn Fn(&Opened) -> bool) -> Vec<String> {
+    let wrong = |o: &&Opened| match o.kind() {
+        "null" => o.word() != "none",
+        "outside" => clear(o) && o.word() != "unknown",
+        _ => clear(o) && !o.exact(),
     };
-    let left: Vec<&Opened<'_>> = detectable.iter().filter(far).copied().collect();
-    let rest: Vec<&Opened<'_>> = detectable.iter().filter(|o| !far(o)).copied().collect();
-    let place = |o: &Opened<'_>| {
-        let stage = o
-            .truth
-            .first()
-            .and_then(|t| gap::vocabulary::Effect::from_name(t))
-            .map(|e| e.stage().name());
-        let said = o.verdict["where"]
-            .as_array()
-            .map(Vec::as_slice)
-            .unwrap_or_default();
-        said.iter()
-            .find(|w| w["stage"] != "unexplained")
-            .and_then(|w| w["stage"].as_str())
-            == stage
-    };
-    let rows = vec![
-        Row {
-            name: "unknown, more than 2 floors left",
-            value: share(&left, |o| o.word() == "unknown"),
-            of: left.len(),
-            target: "-",
-        },
-        Row {
-            name: "unknown and right stage",
-            value: share(&left, |o| o.word() == "unknown" && place(o)),
-            of: left.len(),
-            target: ">= 0.85",
-        },
-        Row {
-            name: "equivalent with right stage, otherwise",
-            value: share(&rest, |o| o.stage_right()),
-            of: rest.len(),
-            target: "-",
-        },
-    ];
-    let failures = left
+    all.iter().filter(wrong).map(Opened::told).collect()
+}
+
+/// Expected calibration error over ten bins of the stated probability.
+pub(super) fn calibration(all: Group<'_>) -> Option<f64> {
+    let mut bins = [(0.0, 0.0); 10];
+    for o in all {
+        let (stated, right) = o.stated();
+        let bin = &mut bins[((stated * 10.0) as usize).min(9)];
+        bin.0 += stated;
+        bin.1 += f64::from(u8::from(right));
+    }
+    let off: f64 = bins
         .iter()
-        .filter(|o| o.word() != "unknown")
-        .map(|o| o.told())
-        .collect();
-    Table { rows, failures }
+        .map(|(stated, right)| (stated - right).abs())
+        .sum();
+    (!all.is_empty()).then(|| off / all.len() as f64)
 }
