@@ -86,6 +86,8 @@ const STATE: &str = "state.json";
 const TIMES: &str = "times.json";
 /// See [`STATE`].
 const SETTINGS: &str = "hybrid.toml";
+/// Patched model that the diagnosis of a cycle writes.
+const DIAGNOSIS: &str = "diagnosis.toml";
 /// See [`STATE`].
 const MODEL: &str = "model.toml";
 
@@ -322,7 +324,7 @@ impl<'a> Hybrid<'a> {
         for (flag, file) in [
             ("-o", "diagnosis.html"),
             ("--json-file", "diagnosis.json"),
-            ("--patch", "diagnosis.toml"),
+            ("--patch", DIAGNOSIS),
         ] {
             words.extend([flag.into(), path.join(file).into()]);
         }
@@ -331,14 +333,22 @@ impl<'a> Hybrid<'a> {
 
     fn fit(&self) -> Outcome {
         let path = self.cycle_path();
-        let start = self.start_model()?;
-        Folder::at(&path).write("start.toml", start.to_toml().as_bytes())?;
+        let folder = Folder::at(&path);
+        let start = self.filmed(self.model()?)?;
+        folder.write("start.toml", start.to_toml().as_bytes())?;
+        let mut from = "start.toml";
+        if self.settings.diagnose {
+            // What the diagnosis has found stays in the model; the match fits its rows around it.
+            from = "patched.toml";
+            let found = crate::model_file::load(Some(&path.join(DIAGNOSIS)))?;
+            folder.write(from, self.filmed(found)?.to_toml().as_bytes())?;
+        }
         let mut words = self.words(&["optimise", "model"], "match");
         words.insert(3, path.join("set").into());
         let told = &self.settings.matching;
         words.extend(["--iterations".into(), told.iterations.to_string().into()]);
         if !path.join("match/checkpoint.json").exists() {
-            words.extend(["-m".into(), path.join("start.toml").into()]);
+            words.extend(["-m".into(), path.join(from).into()]);
             for (flag, value) in [
                 ("--particles", told.particles.to_string()),
                 ("--rows", told.rows.clone()),
@@ -351,10 +361,8 @@ impl<'a> Hybrid<'a> {
         self.command(words)
     }
 
-    /// The model of the search with what is known of the camera: its height from the data set, and no time shift, for the films
-    /// are laid in time.
-    fn start_model(&self) -> Outcome<Model> {
-        let mut model = self.model()?;
+    /// A model with what is known of the camera: its height from the data set, and no time shift, for the films are laid in time.
+    fn filmed(&self, mut model: Model) -> Outcome<Model> {
         let manifest = self.set()?.manifest()?;
         let known = |key: &str| {
             let camera = manifest.camera.as_ref()?;
