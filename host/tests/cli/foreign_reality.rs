@@ -16,7 +16,7 @@ const CASES: [(&str, Option<&str>); 6] = [
     ("gain_low", Some("loop_gain")),
 ];
 
-fn python() -> Option<PathBuf> {
+pub(crate) fn python() -> Option<PathBuf> {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
     let python = target.join("venv/bin/python");
     let check = Command::new(&python)
@@ -32,7 +32,7 @@ fn sum(rows: &serde_json::Value, key: &str) -> f64 {
 }
 
 /// What holds for every verdict.
-fn contract(name: &str, v: &serde_json::Value) {
+pub(crate) fn contract(name: &str, v: &serde_json::Value) {
     assert_eq!(v["schema"], "rb.gap/1", "{name}");
     assert!((sum(&v["where"], "share") - 1.0).abs() < 1e-6, "{name}");
     let rest = |k: &str| v["probabilities"][k].as_f64().unwrap();

@@ -1,8 +1,8 @@
 //! The checks of the diagnosis from end to end, as small as they get: sealed suites, grafts, the closed loop.
 
-use std::fmt::Write as _;
 use std::fs;
 
+use crate::bench::Joint;
 use crate::rig::{Done, Folder, rb};
 
 /// The figure called `name` of a score table: value and number of cases.
@@ -82,35 +82,14 @@ fn a_sealed_robot_is_diagnosed_and_scored() {
     assert!(folder.path("w/whole_score.md").exists());
 }
 
-/// Six noisy recordings of a joint that follows with a lag of 0.1 s.
-fn recordings(folder: &Folder) {
-    fs::create_dir(folder.path("joint")).unwrap();
-    let mut manifest = String::from("format = 1\nrobot = \"bench\"\n");
-    let mut noise = 1u32;
-    for (run, hz) in [0.2_f64, 0.35, 0.5, 0.27, 0.42, 0.6].iter().enumerate() {
-        let mut csv = String::from("t_s,setpoint_rad,position_rad\n");
-        let mut q = 0.0;
-        for i in 0..500 {
-            let t = f64::from(i) * 0.02;
-            let phase = (hz * t).fract();
-            let sp = 0.8 * (1.0 - 4.0 * (phase - 0.5).abs());
-            q += 0.2 * (sp - q);
-            // Numerical Recipes' linear congruence: half a milliradian of uniform noise.
-            noise = noise.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            let read = q + 1e-3 * (f64::from(noise) / f64::from(u32::MAX) - 0.5);
-            writeln!(csv, "{t:.3},{sp:.5},{read:.5}").unwrap();
-        }
-        folder.write(&format!("joint/run{run}.csv"), csv);
-        let row = format!("[[run]]\nfile = \"run{run}.csv\"\ngait = \"g{run}\"\n");
-        manifest.push_str(&row);
-    }
-    folder.write("joint/dataset.toml", manifest);
-}
-
 #[test]
 fn faults_put_onto_recordings_are_found_on_top_of_their_baseline() {
     let folder = Folder::new("grafts");
-    recordings(&folder);
+    let joint = Joint {
+        noise_rad: 1e-3,
+        ..Joint::default()
+    };
+    joint.record(&folder, &[0.2, 0.35, 0.5, 0.27, 0.42, 0.6]);
     let args = [
         "--json", "gap", "graft", "joint", "-o", "g", "--cases", "2", "--splits", "1",
     ];

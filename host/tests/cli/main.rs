@@ -2,20 +2,22 @@
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 mod bad_gaits;
+mod bench;
+mod browser;
 mod camera;
 mod commands;
 mod docs;
 mod dropout;
 mod filmed;
 mod foreign_reality;
+mod foreign_robot;
 mod gap_data;
-mod gap_next;
+mod gap_files;
 mod gap_runs;
 mod hybrid;
 mod matching;
 mod model;
 mod python;
 mod recordings;
-mod report_page;
 mod rig;
 mod search;
