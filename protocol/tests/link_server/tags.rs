@@ -1,0 +1,215 @@
+//! Who may give orders: tags, nonces, keys, and what an attacker has recorded.
+
+use crate::common::*;
+use crate::robot::*;
+use crate::{nack, orders};
+use protocol::link::*;
+
+#[test]
+fn orders_need_the_right_tag_and_a_nonce_serves_once() {
+    for port in [Port::Wire, Port::Radio] {
+        for message in orders() {
+            let mut session = Session::new(port, Some(KEY));
+            assert_eq!(
+                session.ask(&message, None),
+                nack(&message, Reject::NoChallenge)
+            );
+            let nonce = session.nonce();
+            assert_eq!(
+                session.nonce(),
+                nonce,
+                "an open challenge is repeated, so a flood of requests cannot void it"
+            );
+            assert_eq!(
+                session.ask(&message, None),
+                nack(&message, Reject::BadTag),
+                "no tag"
+            );
+            let other_key = Key([0x4C; KEY_LEN]);
+            assert_eq!(
+                session.ask(&message, Some((&other_key, &nonce))),
+                nack(&message, Reject::BadTag)
+            );
+            let other_nonce = Nonce([9; NONCE_LEN]);
+            assert_eq!(
+                session.ask(&message, Some((&KEY, &other_nonce))),
+                nack(&message, Reject::BadTag)
+            );
+            assert!(
+                session
+                    .robot
+                    .calls
+                    .iter()
+                    .all(|call| call.starts_with("bad tag")),
+                "{:?}",
+                session.robot.calls
+            );
+
+            let answer = session.ask(&message, Some((&KEY, &nonce)));
+            assert!(!matches!(answer, FromModule::Nack { .. }), "{answer:?}");
+            let done = session.robot.calls.len();
+            assert_eq!(
+                session.ask(&message, Some((&KEY, &nonce))),
+                nack(&message, Reject::NoChallenge),
+                "used nonce"
+            );
+            let fresh = session.nonce();
+            assert_ne!(fresh, nonce);
+            assert_eq!(
+                session.ask(&message, Some((&KEY, &nonce))),
+                nack(&message, Reject::BadTag),
+                "old nonce"
+            );
+            assert_eq!(
+                session
+                    .robot
+                    .calls
+                    .iter()
+                    .filter(|call| !call.starts_with("bad tag"))
+                    .count(),
+                done - 3
+            );
+        }
+    }
+}
+
+#[test]
+fn a_tag_is_bound_to_type_and_every_byte() {
+    let mut session = Session::new(Port::Radio, Some(KEY));
+    let nonce = session.nonce();
+    let signed = session.bytes(
+        &ToModule::ActivateSlot {
+            slot: 1,
+            tag: Tag::NONE,
+        },
+        Some((&KEY, &nonce)),
+    );
+    let mut body = signed[1..].to_vec();
+    let len = cobs::decode_in_place(&mut body).unwrap();
+    let message = body[8..len - 4].to_vec();
+    // The same tag under another type, with another slot, with one bit of the tag changed: re-framed with a good checksum.
+    let forge = |change: &dyn Fn(&mut Vec<u8>)| {
+        let mut forged = body[..8].to_vec();
+        let mut message = message.clone();
+        change(&mut message);
+        forged.extend_from_slice(&message);
+        forged.extend_from_slice(&protocol::crc::crc32c(&forged).to_le_bytes());
+        let mut out = vec![0; cobs::max_encoding_length(forged.len()) + 2];
+        let len = cobs::encode(&forged, &mut out[1..]);
+        out.truncate(len + 2);
+        out
+    };
+    let erase = ToModule::EraseSlot {
+        slot: 1,
+        tag: Tag::NONE,
+    }
+    .kind();
+    let mut forgeries = vec![forge(&|m| m[0] = erase), forge(&|m| m[1] = 2)];
+    for bit in 0..TAG_LEN * 8 {
+        forgeries.push(forge(&move |m| m[2 + bit / 8] ^= 1 << (bit % 8)));
+    }
+    for forged in forgeries {
+        let answers = session.send(&forged);
+        assert!(
+            matches!(
+                answers[..],
+                [(
+                    _,
+                    FromModule::Nack {
+                        reason: Reject::BadTag,
+                        ..
+                    }
+                )]
+            ),
+            "{answers:?}"
+        );
+    }
+    assert!(matches!(
+        session.send(&signed)[..],
+        [(_, FromModule::Ack { .. })]
+    ));
+    assert_eq!(
+        session
+            .robot
+            .calls
+            .iter()
+            .filter(|call| *call == "activate 1")
+            .count(),
+        1
+    );
+}
+
+/// HMAC-SHA-256 of Python's hmac module over the documented bytes.
+#[test]
+fn the_tag_is_the_documented_one() {
+    let tag = KEY.sign(&NONCE, 7, &[3]);
+    assert_eq!(
+        tag.0,
+        [
+            0xFC, 0x65, 0x7E, 0xA4, 0x72, 0x64, 0xA3, 0xDC, 0x70, 0x7C, 0x10, 0xC3, 0x01, 0x94,
+            0xFE, 0x29
+        ]
+    );
+}
+
+#[test]
+fn without_a_key_only_a_wire_port_obeys() {
+    for message in orders() {
+        let mut radio = Session::new(Port::Radio, None);
+        assert_eq!(radio.ask(&message, None), nack(&message, Reject::NoKey));
+        assert!(radio.robot.calls.is_empty());
+        let mut wire = Session::new(Port::Wire, None);
+        assert!(!matches!(wire.ask(&message, None), FromModule::Nack { .. }));
+    }
+}
+
+#[test]
+fn a_key_is_set_on_a_wire_port_only() {
+    let message = ToModule::SetKey { key: KEY };
+    for key in [None, Some(Key([1; KEY_LEN]))] {
+        let mut radio = Session::new(Port::Radio, key);
+        assert_eq!(
+            radio.ask(&message, None),
+            nack(&message, Reject::WirePortOnly)
+        );
+        assert_eq!(radio.robot.key, key);
+        let mut wire = Session::new(Port::Wire, key);
+        assert_eq!(
+            wire.ask(&message, None),
+            FromModule::Ack {
+                request: message.kind()
+            }
+        );
+        assert_eq!(wire.robot.key, Some(KEY));
+    }
+}
+
+/// An attacker has recorded everything the host ever sent and plays it again, mixed, in the same boot and in later ones, with a challenge open.
+#[test]
+fn replayed_sessions_move_nothing() {
+    let mut recorded = Vec::new();
+    let mut rng = Rng(0xA77A_C4E5);
+    for boot in 0..40 {
+        let mut session = Session::boot(Port::Radio, Some(KEY), BOOT + boot);
+        session.robot.nonces = boot as u8 * 6;
+        for message in orders().into_iter().take(5) {
+            let nonce = session.nonce();
+            let bytes = session.bytes(&message, Some((&KEY, &nonce)));
+            session.send(&bytes);
+            recorded.push(bytes);
+        }
+        assert_eq!(session.robot.calls.len(), 5);
+        session.robot.calls.clear();
+        session.nonce();
+        for _ in 0..500 {
+            session.send(&recorded[rng.below(recorded.len())]);
+        }
+        let moved: Vec<_> = session
+            .robot
+            .calls
+            .iter()
+            .filter(|call| !call.starts_with("bad tag"))
+            .collect();
+        assert!(moved.is_empty(), "boot {boot}: {moved:?}");
+    }
+}
