@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::words::{
     escape, floor, metric, number, parameter, place, quantity, regime, stage, word,
 };
-use crate::verdict::{EffectRow, Verdict};
+use crate::verdict::{EffectRow, Verdict, Where};
 
 /// What only the kind of the data set can draw.
 pub(crate) struct Evidence {
@@ -62,91 +62,91 @@ fn head(s: &mut String, v: &Verdict, title: &str) {
     let _ = write!(
         s,
         "<h1>{title}</h1><p class=\"lead\">{}</p><p>Verdict: <b>{}</b>. Held-out error ({}): <b>{}</b> before, \
-         <b>{}</b> after; no model gets below {}, {}.</p>",
+         <b>{}</b> once known values are calibrated, <b>{}</b> with the effects. Floor: {} ({}).</p>",
         escape(&v.sentence),
         word(v),
         metric(&g.metric),
         of(g.before),
+        of(g.after_calibration),
         of(g.after),
         of(g.floor),
         floor(v)
     );
+    if let Some((name, [_, calibrated, after])) = shows_in(v) {
+        let _ = write!(
+            s,
+            "<p>The effects show most in another metric, {}: {} once calibrated, {} with them.</p>",
+            metric(name),
+            number(calibrated),
+            number(after)
+        );
+    }
     if v.partial {
         s.push_str("<p class=\"warning\">Partial: the search was stopped before its end.</p>");
     }
 }
 
-fn cause(e: &EffectRow) -> String {
-    let joint = e.joint.map_or(String::new(), |k| format!(", joint {k}"));
-    let doubt = if e.plausible {
-        ""
-    } else {
-        "<br><b>no plausible size for such a part</b>"
-    };
-    format!(
-        "<b>{}</b>{joint}<br>{}{doubt}",
-        e.effect.name(),
-        e.effect.plain()
-    )
+/// The metric that the effects make fall most, where the primary one hardly falls by them.
+fn shows_in(v: &Verdict) -> Option<(&str, [f64; 3])> {
+    // Falls of less than this are no story.
+    const LEAST: f64 = 0.05;
+    if v.effects.is_empty() || v.gap.shrink_after_calibration >= LEAST {
+        return None;
+    }
+    let fall = |m: &[f64; 3]| 1.0 - m[2] / m[1].max(f64::MIN_POSITIVE);
+    // A similarity is better when it grows.
+    let errors = v.metrics.iter().filter(|(k, _)| *k != "similarity_r");
+    let (name, most) = errors.max_by(|a, b| fall(a.1).total_cmp(&fall(b.1)))?;
+    (fall(most) >= LEAST).then_some((name, *most))
 }
 
-fn rivals(e: &EffectRow) -> String {
-    let told: Vec<String> = e
-        .alternatives
-        .iter()
-        .filter(|a| a.distinguishable)
-        .map(|a| format!("{} (by {:.1} sigma)", a.effect.name(), a.margin))
-        .collect();
-    told.join("<br>")
+/// One line of a card.
+fn line(s: &mut String, name: &str, value: &str) {
+    if !value.is_empty() {
+        let _ = write!(s, "<dt>{name}</dt><dd>{value}</dd>");
+    }
+}
+
+fn card(s: &mut String, e: &EffectRow, unit: &str) {
+    let joint = e.joint.map_or(String::new(), |k| format!(", joint {k}"));
+    let _ = write!(
+        s,
+        "<section class=\"card\"><h3>{}{joint}</h3><p>{}</p><dl>",
+        e.effect.name(),
+        e.effect.plain()
+    );
+    for (key, p) in &e.parameters {
+        let (name, unit) = parameter(key);
+        let [low, high] = p.ci95.map(number);
+        let size = quantity(p.value, unit);
+        line(s, &name, &format!("<b>{size}</b>, 95 %: {low} to {high}"));
+    }
+    if !e.plausible {
+        line(s, "but", "<b>no plausible size for such a part</b>");
+    }
+    let percent = format!("{:.0} %", 100.0 * e.confidence);
+    line(s, "confidence", &percent);
+    line(s, "kind", &e.kind);
+    let error = |x: f64| format!("{} {unit}", number(x));
+    line(s, "error with it alone", &error(e.gap_added_alone));
+    line(s, "error with all but it", &error(e.gap_removed_from_full));
+    let rivals = |told: bool| {
+        let some = e.alternatives.iter().filter(|a| a.distinguishable == told);
+        let names = some.map(|a| format!("{} ({:.1} sigma)", a.effect.name(), a.margin));
+        names.collect::<Vec<_>>().join(", ")
+    };
+    line(s, "ruled out", &rivals(true));
+    line(s, "not ruled out", &rivals(false));
+    s.push_str("</dl></section>");
 }
 
 fn effects(s: &mut String, v: &Verdict) {
     let p = &v.probabilities;
     if v.effects.is_empty() {
         s.push_str("<p>None.</p>");
-    } else {
-        let unit = &v.gap.unit;
-        let size = |e: &EffectRow| {
-            let one = |(key, p): (&String, &crate::verdict::Estimate)| {
-                let (name, unit) = parameter(key);
-                let [low, high] = p.ci95.map(number);
-                format!("{name} {}<br>({low} to {high})", quantity(p.value, unit))
-            };
-            e.parameters
-                .iter()
-                .map(one)
-                .collect::<Vec<_>>()
-                .join("<br>")
-        };
-        let rows: Vec<Vec<String>> = v
-            .effects
-            .iter()
-            .map(|e| {
-                vec![
-                    cause(e),
-                    size(e),
-                    format!("{:.0} %", 100.0 * e.confidence),
-                    number(e.gap_added_alone),
-                    number(e.gap_removed_from_full),
-                    e.kind.clone(),
-                    rivals(e),
-                ]
-            })
-            .collect();
-        let (alone, without) = (
-            format!("error with it alone [{unit}]"),
-            format!("error with all but it [{unit}]"),
-        );
-        let head = [
-            "effect",
-            "size (95 %)",
-            "confidence",
-            &alone,
-            &without,
-            "kind",
-            "ruled out",
-        ];
-        table(s, &head, &rows);
+    }
+    for e in &v.effects {
+        card(s, e, &v.gap.unit);
     }
     let _ = write!(
         s,
@@ -186,41 +186,46 @@ fn bar(share: f64, class: &str) -> String {
 }
 
 fn places(s: &mut String, v: &Verdict) {
-    let rows: Vec<Vec<String>> = v
-        .place
+    // What rounds to no percent at all is told in one line.
+    const LEAST: f64 = 0.005;
+    let (large, small): (Vec<&Where>, Vec<&Where>) = v.place.iter().partition(|w| w.share >= LEAST);
+    let rows: Vec<Vec<String>> = large
         .iter()
         .map(|w| {
-            let rest = w.stage == "unexplained";
+            let class = if w.stage == "unexplained" { "rest" } else { "" };
+            let [low, high] = w.ci95.map(|x| 100.0 * x);
             vec![
                 format!(
-                    "<b>{}</b><br>{}",
+                    "<b>{}</b>{}<br>{}",
                     escape(&place(&w.stage, w.joint)),
+                    regime(w),
                     stage(&w.stage)
                 ),
-                regime(w).into(),
                 format!(
-                    "{:.0} % ({:.0} to {:.0})",
+                    "{:.0} % ({low:.0} to {high:.0}){}",
                     100.0 * w.share,
-                    100.0 * w.ci95[0],
-                    100.0 * w.ci95[1]
+                    bar(w.share, class)
                 ),
-                bar(w.share, if rest { "rest" } else { "" }),
             ]
         })
         .collect();
-    let head = ["stage", "most of it", "share of the gap (95 %)", ""];
-    table(s, &head, &rows);
+    table(s, &["stage", "share of the gap (95 %)"], &rows);
+    if !small.is_empty() {
+        let names: Vec<String> = small.iter().map(|w| place(&w.stage, w.joint)).collect();
+        let _ = write!(
+            s,
+            "<p>Less than half a percent each: {}.</p>",
+            escape(&names.join("; "))
+        );
+    }
 }
 
 fn stairs(s: &mut String, v: &Verdict) {
     let g = &v.gap;
     let top = v.staircase.iter().map(|x| x.gap).fold(g.floor, f64::max);
     let step = |name: &str, gap: f64, class: &str| {
-        vec![
-            escape(name),
-            number(gap),
-            bar(gap / top.max(f64::MIN_POSITIVE), class),
-        ]
+        let width = bar(gap / top.max(f64::MIN_POSITIVE), class);
+        vec![escape(name), format!("{}{width}", number(gap))]
     };
     let mut rows: Vec<Vec<String>> = v
         .staircase
@@ -229,7 +234,7 @@ fn stairs(s: &mut String, v: &Verdict) {
         .collect();
     rows.push(step("floor", g.floor, "rest"));
     let error = format!("{} [{}]", metric(&g.metric), g.unit);
-    table(s, &["model with", &error, ""], &rows);
+    table(s, &["model", &error], &rows);
     let percent = |x: f64| format!("{:.0} %", 100.0 * x);
     let _ = write!(
         s,
@@ -294,11 +299,11 @@ const HEAD: &str = r#"<!doctype html><html lang="en"><head><meta charset="utf-8"
 @media screen and (prefers-color-scheme:dark){:root{--ink:#eee;--paper:#151515;--before:#fb923c;--after:#60a5fa;--line:#555}}
 body{font:16px/1.5 system-ui,sans-serif;margin:0;color:var(--ink);background:var(--paper)}main{max-width:60rem;margin:auto;padding:1rem}
 p,li{overflow-wrap:anywhere}.lead{font-size:1.3rem;font-weight:600}.warning{border-left:.4rem solid var(--before);padding-left:.6rem}footer{font-size:.85rem;border-top:1px solid var(--line)}
-.wide{overflow-x:auto}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid var(--line);vertical-align:top}td:last-child{min-width:5rem}
+.wide{overflow-x:auto}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid var(--line);vertical-align:top}td:last-child{min-width:8rem}.card{border-left:.4rem solid var(--after);padding:.1rem 1rem;margin:1rem 0;break-inside:avoid}.card h3,.card p{margin:.4rem 0}.card dl{display:grid;grid-template-columns:minmax(6rem,max-content) 1fr;gap:.1rem 1rem;margin:.4rem 0}.card dd{margin:0;overflow-wrap:anywhere}
 .bar{height:.9rem;margin-top:.3rem;background:var(--after);min-width:1px;print-color-adjust:exact;-webkit-print-color-adjust:exact}.bar.rest{background:#999}
 .k0{color:var(--ink)}.k1{color:var(--before)}.k2{color:var(--after)}
 .plot{margin:1.2rem 0;display:grid;grid-template-columns:3.2rem 1fr;break-inside:avoid}.plot figcaption,.plot .legend{grid-column:1/3}.plot figcaption{font-weight:600}
-.plot .ylabel{grid-column:1/3;font-size:.8rem}.plot .xlabel{grid-column:2;font-size:.8rem;text-align:right}.plot svg{width:100%;height:13rem;border:1px solid var(--line);box-sizing:border-box}.plot.map svg{height:auto;aspect-ratio:1}.plot.map{max-width:26rem}
+.plot .ylabel{grid-column:1/3;font-size:.8rem;margin-bottom:.4rem}.plot .xlabel{grid-column:2;font-size:.8rem;text-align:right}.plot svg{width:100%;height:13rem;border:1px solid var(--line);box-sizing:border-box}.plot.map svg{height:auto;aspect-ratio:1}.plot.map{max-width:26rem}
 .yticks,.xticks{position:relative;font-size:.8rem;line-height:1}.yticks span{position:absolute;right:.4rem;transform:translateY(-50%)}.xticks{grid-column:2;height:1.2rem;margin-top:.2rem}.xticks span{position:absolute;transform:translateX(-50%)}
 .plot polyline{fill:none;stroke:currentColor;stroke-width:1.5;vector-effect:non-scaling-stroke}.plot polyline.k1{stroke-dasharray:6 3}.plot .grid{stroke:var(--faint);fill:none;vector-effect:non-scaling-stroke}
 .legend span{margin-right:1rem;white-space:nowrap}.legend i{display:inline-block;width:1.4rem;border-top:3px solid currentColor;vertical-align:middle;margin-right:.3rem}.legend .k1 i{border-top-style:dashed}

@@ -113,15 +113,15 @@ pub(super) fn stage(name: &str) -> &'static str {
     }
 }
 
-/// When most of a share shows.
+/// When most of a share shows, as the end of a line.
 pub(super) fn regime(w: &Where) -> &'static str {
     match w.regime.as_str() {
-        "saturation" => "at the limits of the motor",
-        "reversal" => "where the joint turns round",
-        "low_speed" => "at low speed",
-        "high_load" => "under high load",
-        "warm_up" => "while the motor warms up",
-        _ => "everywhere",
+        "saturation" => ", most of it at the limits of the motor",
+        "reversal" => ", most of it where the joint turns round",
+        "low_speed" => ", most of it at low speed",
+        "high_load" => ", most of it under high load",
+        "warm_up" => ", most of it while the motor warms up",
+        _ => "",
     }
 }
 

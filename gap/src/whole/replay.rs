@@ -139,13 +139,22 @@ impl Replay {
                 y: "encoder angle [rad]",
                 map: false,
             };
-            s.push_str(&plot(
-                &angle,
-                &curves(&|i, p| {
-                    let angle = p.angles_rad.get(*k).copied().unwrap_or(0.0);
-                    (i as f64 / RATE_HZ, f64::from(angle))
-                }),
-            ));
+            let of = |p: &Picture| f64::from(p.angles_rad.get(*k).copied().unwrap_or(0.0));
+            let [measured, ..] = &self.films;
+            s.push_str(&plot(&angle, &curves(&|i, p| (i as f64 / RATE_HZ, of(p)))));
+            let off = Axes {
+                title: &format!("{}: joint {k}, simulated minus measured", self.name),
+                y: "error [rad]",
+                ..angle
+            };
+            let error = |i: usize, p: &Picture| {
+                let real = measured.get(i).map_or(0.0, of);
+                (i as f64 / RATE_HZ, of(p) - real)
+            };
+            let [_, errors @ ..] = &*curves(&error) else {
+                continue;
+            };
+            s.push_str(&plot(&off, errors));
         }
         s
     }
