@@ -137,7 +137,8 @@ fn a_joint_gets_a_page_a_motion_and_predictions_that_hold_the_error() {
     // What the tool has not seen it has predicted as well.
     let (asked, said) = files("run4.csv");
     assert_eq!(asked.get("t_s"), said.get("t_s"));
-    let error = rmse(&secret, &said.get("position_rad"));
+    // But for its first second: nobody can know where an unmeasured joint stood.
+    let error = rmse(&secret[50..], &said.get("position_rad")[50..]);
     assert!(error < 3.0 * after, "{error} against {after}");
 }
 
