@@ -126,8 +126,9 @@ pub(crate) fn plot(axes: &Axes<'_>, curves: &[Curve<'_>]) -> String {
         )
         .collect();
     let _ = write!(s, "<path class=\"grid\" d=\"{grid}\"/>");
-    // The first curve last: the measured one lies on top.
-    for c in curves.iter().rev() {
+    // The measured one lies on top, what comes before the effects below what comes after.
+    let (measured, simulated): (Vec<_>, Vec<_>) = curves.iter().partition(|c| c.colour == 0);
+    for c in simulated.into_iter().chain(measured) {
         let points: Vec<String> = c
             .points
             .iter()
