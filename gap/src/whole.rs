@@ -5,6 +5,7 @@
 
 mod answer;
 mod body;
+mod body_answer;
 mod body_library;
 mod camera;
 mod conventions;
@@ -239,7 +240,11 @@ pub fn diagnose(
     let other = body.as_ref().is_some_and(|b| {
         let of = |c: &usize| b.answer.candidates[*c].effect.stage();
         let members = &b.answer.last().members;
-        members.iter().any(|c| of(c) == vocabulary::Stage::Body)
+        // A slope only turns gravity, which the replay does too.
+        let level = |c: &usize| b.answer.candidates[*c].effect != Effect::GroundSlope;
+        members
+            .iter()
+            .any(|c| of(c) == vocabulary::Stage::Body && level(c))
     });
     direct.extend(
         loads_together

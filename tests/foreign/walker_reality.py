@@ -32,7 +32,15 @@ class Robot:
     mass: float = 1.0
     slope: tuple = (0.0, 0.0)
     com: tuple = (0.0, 0.0, 0.0)
+    # Centre of mass of the middle body alone, no weight added, m.
+    middle: tuple = (0.0, 0.0, 0.0)
     torsional: float = 0.0
+    # Friction across a direction over that along it, and the direction from x, rad.
+    anisotropy: tuple = (1.0, 0.0)
+    # MuJoCo's contact: time constant (s) and damping ratio, or stiffness and damping where both are negative.
+    solref: tuple = (0.01, 0.7)
+    impratio: float = 5.0
+    cone: str = "elliptic"
     coulomb: dict = field(default_factory=dict)
     viscous: dict = field(default_factory=dict)
     latency: dict = field(default_factory=dict)
@@ -59,7 +67,10 @@ class Case:
     columns: tuple = ("applied", "position", "velocity", "current", "duty", "bus_v")
     rate_hz: float = 40.0
     base: bool = True
-    bounce: float = 0.1
+    imu: bool = False
+    # Amplitudes and offsets over those of the plain gaits, and the first gait's number.
+    vigour: float = 1.0
+    first: int = 0
 
 
 def turn_x(angle):
@@ -110,7 +121,7 @@ def model_xml(robot):
             pos = cube[c] - origins[b]
             kind = "1" if b in (0, 1) else "2" if b in (5, 6) else "4"
             geoms += (
-                f'<geom type="mesh" mesh="{name}" pos="{pos[0]} {pos[1]} {pos[2]}" mass="{HALF_KG * robot.mass}" contype="{kind}"'
+                f'<geom name="g{c}{int(distal)}" type="mesh" mesh="{name}" pos="{pos[0]} {pos[1]} {pos[2]}" mass="{HALF_KG * robot.mass}" contype="{kind}"'
                 f' conaffinity="{ {"1": 2, "2": 1, "4": 0}[kind] }"/>'
             )
         if any(robot.com) and b == 3:
@@ -119,6 +130,8 @@ def model_xml(robot):
             geoms += f'<geom type="sphere" size="0.005" mass="{0.2 * 8 * HALF_KG}" pos="{shift[0]} {shift[1]} {shift[2]}" contype="0" conaffinity="0"/>'
         at = origins[b] - (origins[b - 1] if b else np.zeros(3)) + (np.array([0, 0, 0.5 * EDGE_M + 0.001]) if b == 0 else 0)
         joint = '<freejoint name="base"/>'
+        if b == 3:
+            geoms += '<site name="imu"/>'
         if b:
             a, p = axes[b - 1], anchors[b - 1] - origins[b]
             dry, wet = robot.coulomb.get(b - 1, 0.0), robot.viscous.get(b - 1, 0.0)
@@ -140,18 +153,38 @@ def model_xml(robot):
     roll, pitch = robot.slope
     g = 9.81 * np.array([math.sin(pitch), -math.sin(roll) * math.cos(pitch), -math.cos(roll) * math.cos(pitch)])
     condim = 4 if robot.torsional > 0.0 else 3
-    ground = f'<geom type="plane" size="0 0 1" contype="7" conaffinity="7" friction="{robot.friction} {robot.torsional} 0" condim="{condim}" priority="1" solref="0.01 0.7"/>'
+    solref = f'solref="{robot.solref[0]} {robot.solref[1]}"'
+    ground = (
+        f'<geom name="ground" type="plane" size="0 0 1" contype="7" conaffinity="7" friction="{robot.friction} {robot.torsional} 0" condim="{condim}"'
+        f' priority="1" {solref}/>'
+    )
+    pairs, across = "", robot.anisotropy[0]
+    if across != 1.0:
+        # Tangents of a contact with the plane are the world's y, then x.
+        pairs = "".join(
+            f'<pair geom1="ground" geom2="g{c}{d}" condim="3" friction="{robot.friction * across} {robot.friction} 0 0 0" {solref}/>'
+            for c in range(4) for d in (0, 1)
+        )
     return (
-        f'<mujoco><compiler angle="radian"/><option timestep="0.001" integrator="implicitfast" cone="elliptic" impratio="5" gravity="{g[0]} {g[1]} {g[2]}"/>'
-        f'<asset>{"".join(mesh)}</asset><worldbody>{ground}{body}{tail}{wheels}</worldbody><tendon>{motors}</tendon></mujoco>'
+        f'<mujoco><compiler angle="radian"/><option timestep="0.001" integrator="implicitfast" cone="{robot.cone}" impratio="{robot.impratio}"'
+        f' gravity="{g[0]} {g[1]} {g[2]}"/><asset>{"".join(mesh)}</asset><worldbody>{ground}{body}{tail}{wheels}</worldbody>'
+        f'<contact>{pairs}</contact><tendon>{motors}</tendon><sensor><gyro site="imu"/><accelerometer site="imu"/></sensor></mujoco>'
     )
 
 
-def gait(number, seconds):
+def build(robot):
+    """The compiled model."""
+    model = mujoco.MjModel.from_xml_string(model_xml(robot))
+    model.body_ipos[mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "b3")] += robot.middle
+    mujoco.mj_setConst(model, mujoco.MjData(model))
+    return model
+
+
+def gait(number, seconds, vigour=1.0):
     """Set-points at 20 Hz of a gait: sines with offsets, amplitudes growing as the oscillators' do."""
     rng = np.random.default_rng(7000 + number)
-    amplitude = np.radians(rng.uniform(15, 50, 6))
-    offset = np.radians(rng.uniform(-25, 25, 6))
+    amplitude = vigour * np.radians(rng.uniform(15, 50, 6))
+    offset = vigour * np.radians(rng.uniform(-25, 25, 6))
     phase = rng.uniform(-math.pi, math.pi, 6)
     t = np.arange(0.0, seconds, 0.05)
     grown = 1.0 - np.exp(-2.0 * t)
@@ -178,13 +211,16 @@ def torque(data):
 
 
 def play(robot, model, sent, seconds, rng):
-    """One run; rows (t, 6 x wire set-point, angle, speed, effort; base) at 200 Hz."""
+    """One run; rows (t, 6 x wire set-point, angle, speed, effort; base; gyro, mean specific force since the row before) at 200 Hz."""
     data = mujoco.MjData(model)
     lost = {k: rng.random(len(sent[0])) < robot.loss.get(k, 0.0) for k in range(6)}
     for k in range(6):
         data.qpos[7 + k] = robot.scale.get(k, 1.0) * sent[1][0][robot.order[k]] + robot.offset.get(k, 0.0)
     # Above the ground at first, then let down: settle for two seconds before the run begins.
-    yaw = 0.05 * rng.normal()
+    # The ground's own axes are the engine's; what is logged is turned by the direction.
+    yaw = 0.05 * rng.normal() - robot.anisotropy[1]
+    turn = np.array([math.cos(robot.anisotropy[1] / 2), 0.0, 0.0, math.sin(robot.anisotropy[1] / 2)])
+    force = np.zeros(3)
     data.qpos[3], data.qpos[6] = math.cos(yaw / 2), math.sin(yaw / 2)
     mujoco.mj_forward(model, data)
     data.qpos[2] -= min(data.geom_xpos[g][2] for g in range(1, model.ngeom)) - 0.07
@@ -201,12 +237,17 @@ def play(robot, model, sent, seconds, rng):
                 target[k], wire[k] = drive(robot, sent, k, t, lost)
             if t >= -1e-9:
                 b = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, "b3")
-                log.append(np.concatenate([[t], wire, data.qpos[7:13], data.qvel[6:12], torque(data), data.xpos[b], data.xquat[b]]))
+                place, attitude = np.zeros(3), np.zeros(4)
+                mujoco.mju_rotVecQuat(place, data.xpos[b], turn)
+                mujoco.mju_mulQuat(attitude, turn, data.xquat[b])
+                log.append(np.concatenate([[t], wire, data.qpos[7:13], data.qvel[6:12], torque(data), place, attitude, data.sensordata[:3], force / 5]))
+            force[:] = 0.0
         q = data.qpos[7:13]
         for k in range(6):
             v = gain[k] * (target[k] - q[k])
             data.qvel[12 + k] = min(max(v, -top[k]), top[k])
         mujoco.mj_step(model, data)
+        force += data.sensordata[3:6]
     return np.array(log)
 
 
@@ -220,10 +261,12 @@ def rows_text(case, log, sent, seconds, rng):
              "effort": "effort_nm"}[x] + f"_{k}" for x in c if x != "bus_v"]
     head += ["bus_v"] if "bus_v" in c else []
     head += ["base_x_m", "base_y_m", "base_z_m", "base_qw", "base_qx", "base_qy", "base_qz"] if case.base else []
+    head += [f"{x}_{a}" for x in ("gyro_rad_s", "accel_m_s2") for a in "xyz"] if case.imu else []
     text = [",".join(head)]
     step = 1.0 / case.rate_hz
     for n, t in enumerate(np.arange(0.0, seconds - 0.01, step)):
-        row = log[min(int(t * 200 + 0.5), len(log) - 1)]
+        at = min(int(t * 200 + 0.5), len(log) - 1)
+        row = log[at]
         i = max(int(np.searchsorted(sent[0], t + 1e-9, side="right")) - 1, 0)
         cells = [f"{t:.4f}"]
         volts = 12.0
@@ -248,14 +291,12 @@ def rows_text(case, log, sent, seconds, rng):
                 cells += [f"{x:.5f}" for x in p] + [f"{x:.6f}" for x in q]
             else:
                 cells += [""] * 7
+        if case.imu:
+            since = max(at - int(200 * step + 0.5), 0)
+            accel = log[min(since + 1, at): at + 1, 35:38].mean(axis=0)
+            cells += [f"{x:.5f}" for x in row[32:35] + 0.003 * rng.normal(size=3)] + [f"{x:.5f}" for x in accel + 0.02 * rng.normal(size=3)]
         text.append(",".join(cells))
     return "\n".join(text) + "\n"
-
-
-MODEL = """format = 1
-[environment]
-bounce = {{ value = {bounce}, tolerance = 0.2, source = "MuJoCo's damped contact" }}
-"""
 
 
 def generate(case, folder, seed, model_text=None):
@@ -263,7 +304,7 @@ def generate(case, folder, seed, model_text=None):
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng([seed, sum(map(ord, case.name))])
-    model = mujoco.MjModel.from_xml_string(model_xml(case.robot))
+    model = build(case.robot)
     text = ["format = 1", 'robot = "metamodule"', f'name = "{case.name}"']
     if model_text:
         text += ["[metamodule]", 'model = "model.toml"']
@@ -271,7 +312,7 @@ def generate(case, folder, seed, model_text=None):
     for g in range(case.gaits):
         seconds = case.lengths[g % len(case.lengths)] if case.lengths else case.seconds
         for r in range(case.repeats):
-            sent = gait(g, seconds)
+            sent = gait(case.first + g, seconds, case.vigour)
             log = play(case.robot, model, sent, seconds, rng)
             name = f"g{g:02}_{r}.csv"
             (folder / name).write_text(rows_text(case, log, sent, seconds, rng))
@@ -314,9 +355,46 @@ def cases():
     return out
 
 
+def body_cases():
+    """Causes of the body and the ground in many sizes, with and without an inertial sensor; and robots without a cause on contacts that differ."""
+    out = []
+
+    def add(name, truth=(), more=None, **robot):
+        for imu in (True, False):
+            more = {"imu": imu, "columns": ("applied", "position", "current", "duty", "bus_v"), "first": sum(map(ord, name)) % 40} | (more or {})
+            out.append(Case(("bi_" if imu else "bo_") + name, Robot(**robot), tuple(truth), **(more | {"imu": imu})))
+
+    contacts = {
+        "a": {}, "b": {"solref": (0.02, 1.0)}, "c": {"solref": (0.004, 1.0)}, "d": {"impratio": 1.0}, "e": {"cone": "pyramidal", "impratio": 1.0},
+        "f": {"impratio": 50.0}, "g": {"solref": (0.006, 0.9), "cone": "pyramidal", "impratio": 10.0},
+    }
+    for name, knobs in contacts.items():
+        add(f"null_{name}", **knobs)
+    add("null_meek", more={"vigour": 0.6})
+    add("null_lively", more={"vigour": 1.35})
+    for f in (0.3, 0.5, 0.65, 1.35, 1.6):
+        add(f"friction_{f}", ("ground_friction",), friction=f)
+    for m in (0.7, 0.8, 1.2, 1.4):
+        add(f"mass_{m}", ("mass",), mass=m)
+    for roll, pitch in ((0.03, 0.0), (0.0, -0.05), (-0.08, 0.06)):
+        add(f"slope_{roll}_{pitch}", ("ground_slope",), slope=(roll, pitch))
+    for k, name in enumerate("xyz"):
+        for size in (0.015, -0.03):
+            add(f"com_{name}_{size}", ("com_offset",), middle=tuple(size if i == k else 0.0 for i in range(3)))
+    for size in (0.005, 0.01, 0.02, 0.03):
+        add(f"torsional_{size}", ("torsional_friction",), torsional=size)
+    for ratio, direction in ((0.4, 0.0), (0.6, 0.7), (1.8, -0.5)):
+        add(f"anisotropy_{ratio}_{direction}", ("friction_anisotropy",), anisotropy=(ratio, direction))
+    for tau in (0.04, 0.07):
+        add(f"soft_{tau}", ("ground_compliance",), solref=(tau, 1.0))
+    for damping in (0.1, 0.3):
+        add(f"bounce_{damping}", ("restitution",), solref=(0.01, damping))
+    return out
+
+
 if __name__ == "__main__":
     import sys
 
-    for case in cases():
-        if case.name in sys.argv[2:]:
+    for case in cases() + body_cases():
+        if case.name in sys.argv[2:] or any(x.endswith("*") and case.name.startswith(x[:-1]) for x in sys.argv[2:]):
             generate(case, Path(sys.argv[1]) / case.name, 1)

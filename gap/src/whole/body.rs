@@ -5,13 +5,13 @@ use std::sync::Arc;
 use files::model::{Effect as ModelEffect, Model};
 use physics::{Outcome, Params, Robot, Trial};
 
-use super::body_library::{candidates, coordinates};
+pub(super) use super::body_answer::{Found, diagnose};
+use super::body_library::coordinates;
 use super::data::{Data, JOINTS};
-use super::search::{Answer, Evaluate, Limits, Search};
+use super::search::Evaluate;
 use super::windows::{self, LinkMap, PERIOD_S, Window};
-use super::{inertial, turn};
+use super::{inertial, joints, turn};
 use crate::math;
-use crate::vocabulary::Effect;
 
 /// Coordinates of the body; those of the joints follow, four per joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,10 +75,8 @@ const FIT_S: f64 = 150.0;
 /// (docs/physics.md: 2 mm after 1 s at the median).
 const FLOOR: [f64; 3] = [0.6e-3, 0.01, 2.5e-3];
 const FLOOR_BLIND: [f64; 3] = [1.0e-3, 0.03, 6.0e-3];
-/// Least gains of an effect, as shares of the excess and of the held-out cost, with the inertial sensor and without: about twice what
-/// a candidate gains on robots without a cause.
-const GAINS: [f64; 2] = [0.10, 0.10];
-const GAINS_BLIND: [f64; 2] = [0.12, 0.18];
+/// From the narrowest to the widest, which is for robots whose contacts follow another law than the simulator's.
+const FLOORS: [[f64; 3]; 3] = [FLOOR, FLOOR_BLIND, [2.0e-3, 0.06, 12.0e-3]];
 /// Windows whose end moves by more than this under a disturbed start are left out, m: they are about to tip.
 const CHAOTIC_M: f64 = 0.02;
 
@@ -97,20 +95,33 @@ const STARTS: usize = 12;
 /// Windows and what was measured in them.
 pub(super) struct Tier {
     base: Params,
-    model: Model,
+    pub(super) model: Model,
     pub(super) windows: Vec<Window>,
     targets: Vec<[Target; SAMPLES]>,
-    /// Lower factor of the covariance of the numbers of each window, row by row.
+    /// Covariance of the numbers of each window without the floor, and the way to each instant, m.
+    spreads: Vec<(Vec<f64>, [f64; SAMPLES])>,
+    /// Lower factor of the covariance with the floor, row by row.
     factors: Vec<Vec<f64>>,
+    /// Floor of the tolerances: m, share of the way, rad.
+    floor: [f64; 3],
     pub(super) group: Vec<usize>,
     pub(super) groups: usize,
     pub(super) maps: [LinkMap; JOINTS],
     pub(super) order: [usize; JOINTS],
-    link_measured: bool,
+    pub(super) link_measured: bool,
     /// Roll and pitch of the ground as the inertial sensor shows them.
-    slope: Option<[f64; 2]>,
+    pub(super) slope: Option<[f64; 2]>,
     /// Windows left out because they tip.
     pub(super) chaotic: usize,
+}
+
+/// Floor of number `k` of a pose after a way of `way_m`.
+fn floor(floor: &[f64; 3], k: usize, way_m: f64) -> f64 {
+    if k < 3 {
+        floor[0] + floor[1] * way_m
+    } else {
+        floor[2]
+    }
 }
 
 fn sample_index(i: usize) -> usize {
@@ -138,6 +149,7 @@ impl Tier {
             return None;
         }
         windows::replay(data, &mut windows, params, PERIOD_S);
+        windows::measured(data, &mut windows, joints::damping_nm_s(model));
         let mut names: Vec<usize> = windows.iter().map(|w| w.gait).collect();
         names.sort_unstable();
         names.dedup();
@@ -149,7 +161,9 @@ impl Tier {
             base: Params::clone(params),
             model: model.clone(),
             targets: Vec::new(),
+            spreads: Vec::new(),
             factors: Vec::new(),
+            floor: FLOOR,
             groups: names.len(),
             group,
             windows,
@@ -163,8 +177,17 @@ impl Tier {
         if let Some([roll, pitch]) = out.slope {
             (theta[B::Roll as usize], theta[B::Pitch as usize]) = (roll, pitch);
         }
+        if !out.inertial(data) {
+            out.floor = FLOOR_BLIND;
+        }
         out.measure(data, &theta);
         Some(out)
+    }
+
+    /// Whether any window starts from the inertial sensor.
+    fn inertial(&self, data: &Data) -> bool {
+        let of = |w: &Window| data.runs[w.run].base.as_ref()?.reckoned.as_ref();
+        self.windows.iter().any(|w| of(w).is_some())
     }
 
     /// Takes measured poses and finds out how each window depends on its start and on the time step.
@@ -188,27 +211,55 @@ impl Tier {
         for w in 0..self.windows.len() {
             let of: Vec<&Outcome> = others.iter().map(|o| &o[w]).collect();
             match self.target(data, w, &nominal[w], &of) {
-                Some((targets, factor)) => {
+                Some((targets, spread)) => {
                     kept.0.push(w);
                     kept.1.push(targets);
-                    kept.2.push(factor);
+                    kept.2.push(spread);
                 }
                 None => self.chaotic += 1,
             }
         }
         self.windows = kept.0.iter().map(|w| self.windows[*w].clone()).collect();
         self.group = kept.0.iter().map(|w| self.group[*w]).collect();
-        (self.targets, self.factors) = (kept.1, kept.2);
+        (self.targets, self.spreads) = (kept.1, kept.2);
+        self.weigh();
     }
 
-    /// What a window is compared with, and the factor of its covariance; `None` where it tips.
+    /// Tolerances and factors with the floor as it is.
+    fn weigh(&mut self) {
+        self.factors.clear();
+        for (targets, (spread, ways)) in self.targets.iter_mut().zip(&self.spreads) {
+            let mut covariance = spread.clone();
+            for (i, (target, way)) in targets.iter_mut().zip(ways).enumerate() {
+                for (k, t) in target.tolerance.iter_mut().enumerate() {
+                    let own = &mut covariance[(6 * i + k) * (NUMBERS + 1)];
+                    *own += floor(&self.floor, k, *way).powi(2);
+                    *t = own.sqrt();
+                }
+            }
+            self.factors
+                .push(super::least::factor(&covariance, NUMBERS));
+        }
+    }
+
+    /// Takes the next wider floor; whether there is one.
+    pub(super) fn widen(&mut self) -> bool {
+        let Some(next) = FLOORS.iter().find(|f| f[2] > self.floor[2]) else {
+            return false;
+        };
+        self.floor = *next;
+        self.weigh();
+        true
+    }
+
+    /// What a window is compared with, its covariance without the floor, and the ways; `None` where it tips.
     fn target(
         &self,
         data: &Data,
         w: usize,
         nominal: &Outcome,
         others: &[&Outcome],
-    ) -> Option<([Target; SAMPLES], Vec<f64>)> {
+    ) -> Option<([Target; SAMPLES], (Vec<f64>, [f64; SAMPLES]))> {
         let window = &self.windows[w];
         let base = data.runs[window.run].base.as_ref()?;
         let start = windows::base_state(base, window.from_s)?.0;
@@ -224,31 +275,27 @@ impl Tier {
                 }
             }
         }
-        let floor = if base.reckoned.is_some() {
-            FLOOR
-        } else {
-            FLOOR_BLIND
-        };
+        let mut ways = [0.0; SAMPLES];
         let mut targets = Vec::with_capacity(SAMPLES);
-        for i in 0..SAMPLES {
+        for (i, slot) in ways.iter_mut().enumerate() {
             let at = window.from_s + sample_index(i) as f64 * PERIOD_S;
             let measured = windows::base_state(base, at)?.0;
             let way = (0..3)
                 .map(|k| f64::from(measured.position_m[k] - start.position_m[k]).powi(2))
                 .sum::<f64>()
                 .sqrt();
-            let mut tolerance = [0.0; 6];
-            for (k, t) in tolerance.iter_mut().enumerate() {
-                let floor = if k < 3 {
-                    floor[0] + floor[1] * way
-                } else {
-                    floor[2]
-                };
-                let own = &mut covariance[(6 * i + k) * (NUMBERS + 1)];
-                *own += floor * floor;
-                *t = own.sqrt();
-            }
-            if tolerance[..3].iter().map(|x| x * x).sum::<f64>().sqrt() > CHAOTIC_M {
+            *slot = way;
+            let tolerance = std::array::from_fn(|k| {
+                let own = covariance[(6 * i + k) * (NUMBERS + 1)];
+                own.sqrt().hypot(floor(&self.floor, k, way))
+            });
+            if tolerance[..3]
+                .iter()
+                .map(|x: &f64| x * x)
+                .sum::<f64>()
+                .sqrt()
+                > CHAOTIC_M
+            {
                 return None;
             }
             targets.push(Target {
@@ -259,8 +306,7 @@ impl Tier {
                 tolerance,
             });
         }
-        let factor = super::least::factor(&covariance, NUMBERS);
-        Some((targets.try_into().ok()?, factor))
+        Some((targets.try_into().ok()?, (covariance, ways)))
     }
 
     /// Tolerance of the position at the end of a window, m: a disturbed start and another engine.
@@ -279,6 +325,13 @@ impl Tier {
     pub(super) fn adopt(&mut self, other: &Self) {
         self.maps = other.maps;
         self.order = other.order;
+        self.floor = other.floor;
+        self.weigh();
+    }
+
+    /// Whether the tolerances are those of an inertial sensor on contacts that the simulator knows.
+    pub(super) fn exact(&self) -> bool {
+        self.floor == FLOOR
     }
 
     /// Number of windows compared.
@@ -447,141 +500,4 @@ impl Evaluate for Tier {
         }
         out
     }
-}
-
-/// What was found about the body.
-pub(super) struct Found {
-    pub(super) tier: Tier,
-    pub(super) answer: Answer,
-    /// Whether the ground's friction is another one late in a run than early.
-    pub(super) unsteady: bool,
-}
-
-impl Found {
-    /// Joints whose readings were found to be off by the body.
-    pub(super) fn readings(&self) -> Vec<usize> {
-        let a = &self.answer;
-        let off = |c: &&usize| {
-            matches!(
-                a.candidates[**c].effect,
-                Effect::JointOffset | Effect::JointScale
-            )
-        };
-        a.last()
-            .members
-            .iter()
-            .filter(off)
-            .filter_map(|c| a.candidates[*c].joint)
-            .collect()
-    }
-}
-
-/// Order and signs that only the body shows: recorded and commanded in one convention, turned in another.
-fn conventions(tier: &mut Tier, theta: &[f64]) {
-    let cost = |tier: &Tier| super::least::cost(&tier.residuals(theta));
-    let mut now = cost(tier);
-    // Below this the windows fit; no order of joints is wrong.
-    const WRONG: f64 = 4.0;
-    const BETTER: f64 = 0.6;
-    for _ in 0..JOINTS {
-        if now < WRONG {
-            return;
-        }
-        let (maps, order) = (tier.maps, tier.order);
-        let mut best = (now, maps, order);
-        for a in 0..JOINTS {
-            tier.maps = maps;
-            tier.maps[a].ratio = -maps[a].ratio;
-            let c = cost(tier);
-            if c < best.0 {
-                best = (c, tier.maps, order);
-            }
-            tier.maps = maps;
-            for b in a + 1..JOINTS {
-                tier.order = order;
-                tier.order.swap(a, b);
-                let c = cost(tier);
-                if c < best.0 {
-                    best = (c, maps, tier.order);
-                }
-            }
-            tier.order = order;
-        }
-        if best.0 > BETTER * now {
-            return;
-        }
-        (now, tier.maps, tier.order) = best;
-    }
-}
-
-/// Diagnoses the body.
-pub(super) fn diagnose(mut tier: Tier, withhold: &[Effect]) -> Found {
-    let mut coordinates = coordinates(&tier.model);
-    let mut candidates = candidates(tier.link_measured);
-    candidates.retain(|c| !withhold.contains(&c.effect));
-    let nominal: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
-    let mut start = nominal.clone();
-    let sloped = tier.slope.filter(|s| steep(*s));
-    if let Some(slope) = tier.slope {
-        // What the sensor shows stands; only its own error is left to the windows.
-        for (b, x) in [B::Roll, B::Pitch].into_iter().zip(slope) {
-            let c = &mut coordinates[b as usize];
-            c.range = [x - inertial::SLOPE_RAD, x + inertial::SLOPE_RAD];
-            if sloped.is_some() {
-                start[b as usize] = x;
-            }
-        }
-        candidates.retain(|c| c.effect != Effect::GroundSlope || sloped.is_some());
-        for c in candidates
-            .iter_mut()
-            .filter(|c| c.effect == Effect::GroundSlope)
-        {
-            c.starts = vec![slope.to_vec()];
-        }
-    }
-    conventions(&mut tier, &start);
-    let [share, relative] = if tier.slope.is_some() {
-        GAINS
-    } else {
-        GAINS_BLIND
-    };
-    let limits = Limits {
-        share,
-        least: 0.1,
-        relative,
-        of_first: 0.03,
-        floor: 1.0,
-        // A window is one independent trial of the body.
-        independent: (tier.len() as f64).clamp(10.0, 1000.0),
-        most: 4,
-        beyond: 3.0,
-        refined: 4,
-        iterations: 3,
-        rough: true,
-    };
-    let search = Search {
-        model: &tier,
-        coordinates: &coordinates,
-        candidates: &candidates,
-        limits,
-    };
-    let known = candidates
-        .iter()
-        .position(|c| c.effect == Effect::GroundSlope);
-    let first = known
-        .filter(|_| sloped.is_some())
-        .map(|c| search.fit(&start, &[c], 3));
-    let base = search.fit(&nominal, &[], 3);
-    let answer = search.answer_with(base, nominal, first);
-    let unsteady = tier.unsteady(&answer.last().theta);
-    Found {
-        unsteady,
-        answer,
-        tier,
-    }
-}
-
-/// Whether a slope is more than the sensor's error.
-fn steep(slope: [f64; 2]) -> bool {
-    slope.iter().any(|x| x.abs() > 3.0 * inertial::SLOPE_RAD)
 }

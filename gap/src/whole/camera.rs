@@ -336,26 +336,28 @@ pub(super) fn diagnose(
         starts,
     };
     let (h, x, y, yaw, shift) = (at(C::Height), at(C::X), at(C::Y), at(C::Yaw), at(C::Shift));
+    // Each starts from the neutral value too: far from a small effect Huber's loss grows too slowly for its slope to tell how deep
+    // the cost falls.
     let mut candidates = vec![
         one(
             Effect::CameraHeight,
             &[C::Height],
-            vec![vec![0.85 * h], vec![1.15 * h]],
+            vec![vec![h], vec![0.85 * h], vec![1.15 * h]],
         ),
         one(
             Effect::CameraOffset,
             &[C::X, C::Y],
-            vec![vec![x + 0.05, y + 0.05]],
+            vec![vec![x, y], vec![x + 0.05, y + 0.05]],
         ),
         one(
             Effect::CameraYaw,
             &[C::Yaw],
-            vec![vec![yaw - 0.2], vec![yaw + 0.2]],
+            vec![vec![yaw], vec![yaw - 0.2], vec![yaw + 0.2]],
         ),
         one(
             Effect::CameraTimeShift,
             &[C::Shift],
-            [-1.0, -0.4, 0.4, 1.0]
+            [0.0, -1.0, -0.4, 0.4, 1.0]
                 .iter()
                 .map(|s| vec![shift + s])
                 .collect(),

@@ -59,6 +59,17 @@ pub(super) fn nm_per_a(k: usize) -> f64 {
     }
 }
 
+/// Damping of every joint, N m s/rad.
+pub(super) fn damping_nm_s(model: &Model) -> [f64; JOINTS] {
+    std::array::from_fn(|k| {
+        model.value(if INTER.contains(&k) {
+            Key::InterDamping
+        } else {
+            Key::IntraDamping
+        })
+    })
+}
+
 pub(super) fn nominal(model: &Model, k: usize) -> Nominal {
     let [speed, torque, gain] = if INTER.contains(&k) {
         [Key::InterSpeed, Key::InterTorque, Key::InterGain]

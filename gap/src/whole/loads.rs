@@ -27,9 +27,9 @@ pub(super) struct Replay<'a> {
     pub(super) joints: &'a [Found],
 }
 
-/// Tolerances by which the friction must be off to be named.
+/// Standard deviations, of tolerance and reading together, by which the friction must be off to be named.
 ///
-/// Chosen: one null robot in a hundred draws its friction beyond 2.5; torques show it to 3 %.
+/// Chosen: one null robot in a hundred shows its friction beyond 2.5.
 const FRICTION_TOLERANCES: f64 = 2.5;
 /// Relative error of a friction that is read off the torques (emulated robots with 0.4 and 0.8 of the nominal friction).
 const FRICTION_ERROR: f64 = 0.05;
@@ -126,7 +126,8 @@ fn misfit(found: &body::Found, scale: f64) -> f64 {
 fn friction(model: &Model, found: &body::Found, scale: f64) -> Option<Reading> {
     let nominal = model.parameter(Key::Friction);
     let value = nominal.value * scaled(found, scale)[body::B::Friction as usize];
-    let off = (value - nominal.value).abs() / nominal.tolerance.max(1e-9);
+    let spread = nominal.tolerance.hypot(FRICTION_ERROR * value);
+    let off = (value - nominal.value).abs() / spread.max(1e-9);
     (off > FRICTION_TOLERANCES).then(|| Reading {
         effect: Effect::GroundFriction,
         joint: None,

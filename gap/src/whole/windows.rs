@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::data::{BaseTrack, Data, JOINTS, Run};
 use super::inertial::Motion;
+use super::joints;
 use super::turn;
 
 /// Time between samples of the led angles, s.
@@ -267,6 +268,31 @@ pub(super) fn replay(
         .zip(&sums)
         .map(|(r, s)| std::array::from_fn(|k| spread(&s[k], r.length_s)))
         .collect()
+}
+
+/// Puts measured torques in the place of replayed ones, where there are any: several contacts share a load in ways that no replay
+/// knows. The damping that the nominal joint has is no load of what lies behind it.
+pub(super) fn measured(data: &Data, windows: &mut [Window], damping_nm_s: [f64; JOINTS]) {
+    // Half width of the straight lines, s: one set-point period is averaged.
+    const HALF_S: f64 = 0.051;
+    for w in windows {
+        for (k, j) in data.runs[w.run].joints.iter().enumerate() {
+            let (Some(track), scale) = (match (&j.effort, &j.current) {
+                (Some(t), _) => (Some(t), 1.0),
+                (None, t) => (t.as_ref(), joints::nm_per_a(k)),
+            }) else {
+                continue;
+            };
+            for i in 0..w.angles.len() / JOINTS {
+                let t = w.from_s + i as f64 * PERIOD_S;
+                let speed = j.position.as_ref().and_then(|p| p.line(t, HALF_S));
+                let damping = damping_nm_s[k] * speed.map_or(0.0, |s| s.1);
+                if let Some((torque, _)) = track.line(t, HALF_S) {
+                    w.torques[i * JOINTS + k] = scale * torque - damping;
+                }
+            }
+        }
+    }
 }
 
 /// Moving average over five samples (100 ms), from `skip` on.
