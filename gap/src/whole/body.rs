@@ -87,6 +87,9 @@ struct Target {
     tolerance: [f64; 6],
 }
 
+/// Covariance of the numbers of a window without the floor, and the way to each instant, m.
+type Spread = (Vec<f64>, [f64; SAMPLES]);
+
 /// Numbers compared in a window.
 pub(super) const NUMBERS: usize = 6 * SAMPLES;
 /// Directions in which the start of a window may be wrong: pose and twist.
@@ -99,7 +102,7 @@ pub(super) struct Tier {
     pub(super) windows: Vec<Window>,
     targets: Vec<[Target; SAMPLES]>,
     /// Covariance of the numbers of each window without the floor, and the way to each instant, m.
-    spreads: Vec<(Vec<f64>, [f64; SAMPLES])>,
+    spreads: Vec<Spread>,
     /// Lower factor of the covariance with the floor, row by row.
     factors: Vec<Vec<f64>>,
     /// Floor of the tolerances: m, share of the way, rad.
@@ -259,7 +262,7 @@ impl Tier {
         w: usize,
         nominal: &Outcome,
         others: &[&Outcome],
-    ) -> Option<([Target; SAMPLES], (Vec<f64>, [f64; SAMPLES]))> {
+    ) -> Option<([Target; SAMPLES], Spread)> {
         let window = &self.windows[w];
         let base = data.runs[window.run].base.as_ref()?;
         let start = windows::base_state(base, window.from_s)?.0;
