@@ -1,6 +1,7 @@
 //! Which parameters the fit may move: the nominal ones within their tolerances, and one candidate per effect.
 
 mod irregular;
+mod nominal;
 
 use files::dataset::{Command, Output};
 
@@ -10,6 +11,7 @@ use crate::math;
 use crate::vocabulary::Effect;
 
 pub use irregular::{Irregular, irregular};
+pub use nominal::nominal;
 
 /// An effect as the fit tries it.
 #[derive(Debug, Clone, PartialEq)]
@@ -108,86 +110,6 @@ fn linear(p: P, scale: f64, low: f64, high: f64) -> Free {
         low,
         high,
         tolerance: None,
-    }
-}
-
-/// Nominal parameters that may move: within a tolerance where known, freely where not.
-#[must_use]
-pub fn nominal(problem: &Problem) -> Vec<Free> {
-    let k = problem.known;
-    let Some(n) = problem.runs.first().map(|r| &r.nominal) else {
-        return Vec::new();
-    };
-    let mut out = Vec::new();
-    let volts = matches!(n.output, Output::Duty | Output::Voltage);
-    if k.effort_unit && n.output != Output::Velocity {
-        out.push(log(P::Inertia, k.inertia));
-    }
-    if n.gravity != 0.0 {
-        out.push(log(P::Gravity, k.gravity));
-    }
-    if !volts && measured(problem, Channel::Current) {
-        let known = k.speed.zip(k.supply).map(|(a, b)| a.hypot(b));
-        out.push(log(P::Ampere, known));
-    }
-    if volts {
-        // Without a voltage measurement the supply's tolerance is one with that of the winding resistance.
-        let both = |a: f64, b: Option<f64>| (a * a + b.unwrap_or(0.0) * b.unwrap_or(0.0)).sqrt();
-        out.push(log(
-            P::Resistance,
-            k.stall.map(|t| {
-                if measured(problem, Channel::BusVoltage) {
-                    t
-                } else {
-                    both(t, k.supply)
-                }
-            }),
-        ));
-        if n.no_load_speed.is_finite() {
-            out.push(log(P::Motor, k.speed));
-        }
-        if measured(problem, Channel::BusVoltage) && k.supply.is_some() {
-            out.push(log(P::Supply, k.supply));
-        }
-    }
-    let electrical = [Channel::Current, Channel::BusVoltage, Channel::Effort];
-    if electrical.iter().any(|c| measured(problem, *c)) {
-        // When within a controller's tick a row's current was read is not said by a data set.
-        out.push(habit(P::ReadAfter, 1.0, 1.0));
-    }
-    if n.command == Command::Position {
-        if k.kp.is_some() || !volts || k.stall.is_some() {
-            out.push(log(P::LoopGain, k.kp.map(exact)));
-        }
-        if n.kd > 0.0 {
-            out.push(log(P::Damping, k.kd.map(exact)));
-            if n.period_s > 0.0 {
-                // A loop that differentiates its encoder sees the speed between half a period (one difference) and two
-                // (a filtered one) late; a tachometer is not late at all.
-                out.push(habit(P::SpeedDelay, 2.5, 0.5));
-            }
-        }
-    }
-    out
-}
-
-/// How a loop or a recording is built, from 0 to `high`; a prior, no gap.
-fn habit(p: P, high: f64, tolerance: f64) -> Free {
-    Free {
-        p,
-        map: Map::Linear { scale: 1.0 },
-        low: 0.0,
-        high,
-        tolerance: Some(tolerance),
-    }
-}
-
-/// Controller gains are numbers in a register: where a file gives no tighter tolerance than a data sheet's, they hold to 1 %.
-fn exact(tolerance: f64) -> f64 {
-    if (tolerance - 0.05).abs() < 1e-12 {
-        0.01
-    } else {
-        tolerance.max(1e-3)
     }
 }
 
@@ -373,7 +295,10 @@ fn controller(list: &mut List, s: &Scales, n: &crate::joint::Nominal) {
         &limits,
         s.speed,
     );
-    let delays = [0.002, 0.006, 0.015, 0.04];
+    // Close together: where the loop begins to swing by itself its phase hangs on every millisecond.
+    let delays = [
+        0.001, 0.002, 0.004, 0.006, 0.008, 0.010, 0.012, 0.0145, 0.0175, 0.021, 0.027, 0.04,
+    ];
     list.one(
         Effect::FeedbackDelay,
         "",
@@ -432,13 +357,14 @@ fn electrical(list: &mut List, problem: &Problem, s: &Scales, n: &crate::joint::
         }
         let ohm = n.supply_v / s.current;
         if n.output == Output::Duty {
-            list.one(
-                Effect::SupplySag,
-                "",
-                linear(P::Sag, 0.1 * ohm, 0.0, 10.0 * ohm),
-                &[0.03, 0.1, 0.3, 0.8],
-                ohm,
-            );
+            // A source that is no battery takes nothing back from a braking motor.
+            let back = Free {
+                tolerance: Some(0.5),
+                ..linear(P::Regeneration, 1.0, 0.0, 1.0)
+            };
+            let starts = [0.03, 0.1, 0.3, 0.8].map(|x| vec![x * ohm, 1.0]).to_vec();
+            let free = vec![linear(P::Sag, 0.1 * ohm, 0.0, 10.0 * ohm), back];
+            list.add(Effect::SupplySag, "", free, starts);
         }
     }
     let free = linear(P::TorqueLimit, 0.2 * s.effort, 1e-9, 1e9);

@@ -228,6 +228,7 @@ pub fn diagnose_watched(
         prior_weight: 0.0,
         robust: floor.repeat.is_some(),
     };
+    let floor_cost = floor.cost(mean_count(&merged));
     let unfitted: Vec<crate::joint::P> = (free.iter().filter(|f| f.tolerance.is_none()))
         .map(|f| f.p)
         .collect();
@@ -239,7 +240,7 @@ pub fn diagnose_watched(
                 free: Vec::new(),
             },
         ),
-        None => calibrate::calibrate(&objective, free, independent, settings.seed),
+        None => calibrate::calibrate(&objective, free, independent, floor_cost, settings.seed),
     };
     let scales = candidates::scales(&problem, &calibrated.params);
     let mut library = candidates::library(&problem, &scales);
@@ -252,18 +253,24 @@ pub fn diagnose_watched(
         thorough: unknown && settings.baseline.is_none(),
         ..settings.options
     };
+    let checked = problem.merged(&unseen_runs(&fit_runs, &score_runs));
+    let check = (!checked.runs.is_empty()).then(|| Objective {
+        problem: &checked,
+        runs: (0..checked.runs.len()).collect(),
+        ..objective.clone()
+    });
     let search = Search {
+        check,
         objective: objective.clone(),
         folds: folds(&merged, &objective.runs),
         library,
-        floor_cost: floor.cost(mean_count(&merged)),
+        floor_cost,
         independent,
         nominal: calibrated.free.iter().map(|f| f.p).collect(),
         options,
     };
     let selection = search.run(calibrated.clone(), watch);
     let alone_removed = search.alone_and_removed(&selection.found, &selection.model, &calibrated);
-    let floor_cost = search.floor_cost;
     let mut out = Diagnosis {
         floor,
         fit_runs,
@@ -286,6 +293,12 @@ pub fn diagnose_watched(
         answer::propose(&mut out, &search);
     }
     Ok(out)
+}
+
+/// Score runs that are not fitted.
+fn unseen_runs(fit: &[usize], score: &[usize]) -> Vec<usize> {
+    let unseen = score.iter().filter(|r| !fit.contains(r));
+    unseen.copied().collect()
 }
 
 /// Recordings behind one averaged run.

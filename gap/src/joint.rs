@@ -9,10 +9,12 @@ mod command;
 pub mod data;
 pub mod lanes;
 mod merge;
+pub mod nominal;
 pub mod param;
 pub mod sim;
 
-pub use data::{Nominal, Problem, RunData, Sample};
+pub use data::{Problem, RunData, Sample};
 pub use lanes::{LANES, simulate_lanes};
+pub use nominal::{Known, Nominal};
 pub use param::{P, Params};
 pub use sim::{Channel, Trace, simulate};

@@ -22,12 +22,11 @@ pub fn stage_of(p: P) -> Stage {
     match p {
         Scale | Offset | MechOffset | RecordScale => Stage::Conventions,
         Delay | Skew | Played | Quantum | Echo => Stage::Transport,
-        LoopGain | Damping | SpeedDelay | Deadband | SlewLimit | FeedbackDelay | Lag => {
-            Stage::Driver
-        }
+        LoopGain | Damping | SpeedDelay | Windup | Tightness | Grip | Deadband | SlewLimit
+        | FeedbackDelay | Lag => Stage::Driver,
         Motor | Ampere | ReadAfter | Resistance | CurrentLimit | TorqueLimit | DerateTime
         | DerateShare => Stage::Electrical,
-        Supply | Sag => Stage::Supply,
+        Supply | Sag | Regeneration => Stage::Supply,
         Play | OutputPlay | Flexibility => Stage::Transmission,
         _ => Stage::Drivetrain,
     }

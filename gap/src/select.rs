@@ -1,6 +1,7 @@
 //! Which effects: forward selection on held-out gaits, backward pruning, exchange against rivals.
 
 mod exchange;
+mod material;
 mod propose;
 
 use crate::candidates::{self, Candidate};
@@ -125,6 +126,8 @@ pub type Watch<'a> = &'a (dyn Fn(&str) -> bool + Sync);
 pub struct Search<'a> {
     /// Cost over all fit runs.
     pub objective: Objective<'a>,
+    /// Cost over runs that no fit sees, where there are any.
+    pub check: Option<Objective<'a>>,
     /// Runs of each fold.
     pub folds: Vec<Vec<usize>>,
     /// Candidates.
@@ -371,7 +374,12 @@ impl Search<'_> {
         }
         let mut rivals = Vec::new();
         if !partial && watch("trying rivals") {
+            let found = node.found.len();
             rivals = self.exchange(&mut node);
+            self.clear(&mut node, first);
+            if node.found.len() < found {
+                rivals = self.exchange(&mut node);
+            }
         }
         rivals.resize_with(node.found.len(), Vec::new);
         Selection {

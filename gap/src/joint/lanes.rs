@@ -1,12 +1,15 @@
 //! The forward model of one joint, eight parameter sets at a time. Steps of second order; friction as a clipped
 //! stop-effort, so it holds without chatter. Lanes never mix: a lane gives the same bits whatever its neighbours are.
 
+mod resolve;
+
 use files::dataset::{Command, Output};
 use wide::f64x8 as F;
 
+use self::resolve::{Model, resolve};
 use super::command::Commands;
 use super::data::{CHANNELS, RunData};
-use super::param::{P, Params};
+use super::param::Params;
 
 /// Parameter sets simulated at once.
 pub const LANES: usize = 8;
@@ -19,185 +22,6 @@ const BLOCK: usize = 128;
 
 /// Simulated channels at one row, for all lanes.
 pub type Row = [F; CHANNELS];
-
-/// Which optional parts of the model any lane uses.
-struct Used {
-    ripple: bool,
-    stribeck: bool,
-    load: bool,
-    directional: bool,
-    sag: bool,
-    derate: bool,
-    limit: bool,
-    feedback_delay: bool,
-    gravity: bool,
-    play: bool,
-    output_play: bool,
-    twist: bool,
-}
-
-/// Parameters of a run, resolved to absolute values once.
-struct Model<'a> {
-    p: &'a [Params],
-    used: Used,
-    dt: F,
-    /// dt / 2.
-    half: F,
-    /// dt / inertia.
-    k: F,
-    inertia: F,
-    gravity: F,
-    mech: F,
-    /// Effort per unit of duty and volt.
-    gv: F,
-    /// Effort per speed lost to the back-EMF.
-    ge: F,
-    /// Effort per ampere.
-    kt: F,
-    supply: F,
-    kp: F,
-    ki: F,
-    kd: F,
-    band: F,
-    lag: F,
-    limit: F,
-    effort_limit: F,
-    speed_limit: F,
-    sag: F,
-    derate: F,
-    warming: F,
-    coulomb: F,
-    viscous: F,
-    asymmetry: F,
-    asymmetry_viscous: F,
-    quadratic: F,
-    stick: F,
-    stribeck_speed: F,
-    load_share: F,
-    /// Share of the inertia that sits behind the gear.
-    behind: F,
-    ripple: [F; 3],
-    play: F,
-    output_play: F,
-    flexibility: F,
-    record_scale: F,
-    read_after: F,
-    /// Steps of the controller's speed estimate; `None` where it is exact.
-    speed: Option<[f64; LANES]>,
-    /// Ticks of a controller slower than the steps: it holds its output from tick to tick.
-    ticks_per_step: Option<f64>,
-    delay_steps: [f64; LANES],
-}
-
-fn lanes(p: &[Params], f: impl Fn(&Params) -> f64) -> F {
-    let mut a = [0.0; LANES];
-    for (i, a) in a.iter_mut().enumerate() {
-        // Lanes beyond the last set repeat it: idle, but harmless.
-        if let Some(p) = p.get(i).or(p.last()) {
-            *a = f(p);
-        }
-    }
-    F::from(a)
-}
-
-fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> {
-    let n = &run.nominal;
-    let get = |q: P| lanes(p, |p| p.get(q));
-    let any = |q: P| p.iter().any(|p| p.get(q) != Params::neutral(q));
-    let volts = n.supply_v.max(1e-9);
-    let kt = |p: &Params| n.effort_per_a * p.get(P::Motor) * p.get(P::Ampere);
-    let resistance = |p: &Params| p.get(P::Resistance).max(1e-6);
-    let inertia = |p: &Params| (n.inertia * p.get(P::Inertia)).max(1e-12);
-    let gravity = |p: &Params| n.gravity * p.get(P::Gravity) + p.get(P::Weight);
-    let effort_limit = |p: &Params| {
-        n.effort_limit
-            .min(p.get(P::TorqueLimit))
-            .min(p.get(P::CurrentLimit) * kt(p))
-    };
-    let lag = |p: &Params| {
-        let lag = p.get(P::Lag).max(0.0);
-        if lag > 0.0 {
-            1.0 - libm::exp(-dt / lag)
-        } else {
-            1.0
-        }
-    };
-    let mut delay_steps = [0.0; LANES];
-    for (d, p) in delay_steps.iter_mut().zip(p) {
-        *d = (p.get(P::FeedbackDelay) / dt).max(0.0);
-    }
-    let used = Used {
-        ripple: any(P::RippleSin) || any(P::RippleCos),
-        stribeck: any(P::Static),
-        load: any(P::LoadShare),
-        directional: any(P::Asymmetry) || any(P::AsymmetryViscous) || any(P::Quadratic),
-        sag: any(P::Sag),
-        derate: any(P::DerateShare),
-        limit: p.iter().any(|p| effort_limit(p).is_finite()),
-        feedback_delay: delay_steps.iter().any(|d| *d > 0.0),
-        gravity: p.iter().any(|p| gravity(p) != 0.0),
-        play: any(P::Play),
-        output_play: any(P::OutputPlay),
-        twist: any(P::Flexibility),
-    };
-    Model {
-        p,
-        used,
-        dt: F::splat(dt),
-        half: F::splat(0.5 * dt),
-        k: lanes(p, |p| dt / inertia(p)),
-        inertia: lanes(p, inertia),
-        gravity: lanes(p, gravity),
-        mech: get(P::MechOffset),
-        gv: lanes(p, |p| n.stall / volts * p.get(P::Motor) / resistance(p)),
-        ge: lanes(p, |p| {
-            n.stall / n.no_load_speed * p.get(P::Motor) * p.get(P::Motor) / resistance(p)
-        }),
-        kt: lanes(p, kt),
-        supply: lanes(p, |p| n.supply_v * p.get(P::Supply)),
-        kp: lanes(p, |p| n.kp * p.get(P::LoopGain)),
-        ki: F::splat(n.ki),
-        kd: lanes(p, |p| n.kd * p.get(P::Damping)),
-        band: get(P::Deadband),
-        lag: lanes(p, lag),
-        limit: F::splat(n.limit),
-        effort_limit: lanes(p, effort_limit),
-        speed_limit: F::splat(n.speed_limit),
-        sag: get(P::Sag),
-        derate: get(P::DerateShare),
-        warming: lanes(p, |p| (dt / p.get(P::DerateTime).max(1e-3)).min(1.0)),
-        coulomb: get(P::Coulomb),
-        viscous: get(P::Viscous),
-        asymmetry: get(P::Asymmetry),
-        asymmetry_viscous: get(P::AsymmetryViscous),
-        quadratic: get(P::Quadratic),
-        stick: get(P::Static),
-        stribeck_speed: get(P::StribeckSpeed),
-        load_share: get(P::LoadShare),
-        behind: get(P::Behind),
-        ripple: [get(P::RippleSin), get(P::RippleCos), get(P::RipplePeriods)],
-        play: get(P::Play),
-        output_play: get(P::OutputPlay),
-        flexibility: get(P::Flexibility),
-        record_scale: get(P::RecordScale),
-        read_after: get(P::ReadAfter),
-        speed: speed_steps(p, n.period_s, dt),
-        delay_steps,
-        ticks_per_step: (n.period_s > 1.5 * dt).then(|| dt / n.period_s),
-    }
-}
-
-/// Steps over which the controller takes its difference of positions: as late as half their number.
-fn speed_steps(p: &[Params], period_s: f64, dt: f64) -> Option<[f64; LANES]> {
-    if period_s <= 0.0 || p.iter().all(|p| p.get(P::SpeedDelay) <= 0.0) {
-        return None;
-    }
-    let mut out = [1.0; LANES];
-    for (steps, p) in out.iter_mut().zip(p) {
-        *steps = (2.0 * p.get(P::SpeedDelay) * period_s / dt).clamp(0.0, SEEN as f64 - 1.0);
-    }
-    Some(out)
-}
 
 /// What the loop carries from step to step.
 struct State {
@@ -212,8 +36,12 @@ struct State {
     duty: F,
     bus: F,
     effort: F,
+    /// Effort, and effort before any loss of torque, at the start of the step.
+    began: [F; 2],
     /// Effort before any loss of torque: what the current shows.
     electrical: F,
+    /// Travel of dry friction that sticks.
+    bristle: F,
     heat: F,
     /// Inertia times the last acceleration.
     inertial: F,
@@ -294,7 +122,9 @@ impl State {
             duty: zero(),
             bus: m.supply,
             effort: zero(),
+            began: [zero(); 2],
             electrical: zero(),
+            bristle: zero(),
             heat: zero(),
             inertial: zero(),
             history: vec![(q, dq); deepest.ceil() as usize + 2],
@@ -344,7 +174,7 @@ impl State {
     fn restart(&mut self, position: f64, velocity: f64, running: bool, dt_s: f64) {
         (self.q, self.dq) = (F::splat(position), F::splat(velocity));
         (self.output, self.link, self.integral) = (self.q, self.q, zero());
-        self.inertial = zero();
+        (self.inertial, self.bristle) = (zero(), zero());
         for (k, seen) in self.seen.iter_mut().enumerate() {
             *seen = self.q - self.dq * F::splat((k + 1) as f64 * dt_s);
         }
@@ -373,7 +203,10 @@ fn control(m: &Model<'_>, s: &mut State, sp: F, run: &RunData, tick: bool) -> F 
     if run.nominal.ki != 0.0 {
         let bound = F::splat(run.nominal.limit / run.nominal.ki.abs());
         let slow = m.ticks_per_step.map(|_| F::splat(run.nominal.period_s));
-        s.integral = clamp(s.integral + e * slow.unwrap_or(m.dt), -bound, bound);
+        let next = clamp(s.integral + e * slow.unwrap_or(m.dt), -bound, bound);
+        let asked = m.kp * e + m.ki * next - m.kd * dq;
+        let held = s.integral + m.windup * (next - s.integral);
+        s.integral = asked.abs().simd_gt(m.limit).select(held, next);
     }
     s.held = clamp(m.kp * e + m.ki * s.integral - m.kd * dq, -m.limit, m.limit);
     s.held
@@ -403,15 +236,17 @@ fn drive(m: &Model<'_>, s: &mut State, u: F, output: Output) -> (F, F) {
                 // Bus current is duty times motor current; solved for the voltage of this very step.
                 let k = m.sag * duty / m.kt;
                 let bus = (m.supply + k * m.ge * s.dq) / (F::splat(1.0) + k * m.gv * duty);
-                s.bus = clamp(bus, zero(), m.supply + m.supply);
+                let bus = clamp(bus, zero(), m.supply + m.supply);
+                let above = (bus - m.supply).fast_max(zero());
+                s.bus = bus - (F::splat(1.0) - m.regeneration) * above;
             }
             (m.gv * duty * s.bus, m.ge)
         }
         Output::Effort => (u * m.gv, zero()),
         Output::Velocity => {
             let v = clamp(u, -m.speed_limit, m.speed_limit);
-            // A stiff velocity servo: reaches its speed within a step unless the effort limit stops it.
-            let stiff = m.inertia / m.dt;
+            // Reaches its speed within the time constant of its inner loop, or a step, unless the effort limit stops it.
+            let stiff = m.inertia / m.grip;
             (stiff * v, stiff)
         }
     };
@@ -460,24 +295,44 @@ fn mechanics(m: &Model<'_>, s: &mut State, electrical: (F, F), enabled: bool) {
     let gain = m.k * grown * inverse;
     let free = speed * inverse + gain * (a + load);
     if m.used.stribeck {
-        let x = free / m.stribeck_speed;
-        dry += m.stick * decay(x * x);
+        // The speed that this friction leaves; that of the last step tells how much there is.
+        let more = |v: F| {
+            let x = v / m.stribeck_speed;
+            m.stick * decay(x * x)
+        };
+        let left = free.abs() - gain * (dry + more(speed));
+        dry += more(left.fast_max(zero()));
     }
     if m.used.load {
         // What the gear transmits: the hanging load, and the inertia behind the gear as it was accelerated last.
         dry += m.load_share * (m.behind * s.inertial - hanging).abs();
     }
-    let stop = gain * dry.fast_max(zero());
-    s.dq = sign_of(free) * (free.abs() - stop).fast_max(zero());
+    s.dq = slide(m, s, free, gain, dry.fast_max(zero()));
     // A trapezium, less what the decay bends it.
     s.q += m.half * (speed + s.dq + x * F::splat(1.0 / 6.0) * (s.dq - speed));
     s.inertial = (s.dq - speed) / m.k;
+    s.began = [a - b * speed, electrical.0 - electrical.1 * speed];
     s.effort = a - b * s.dq;
     s.electrical = electrical.0 - electrical.1 * s.dq;
     // A run that blows up, or became NaN, is parked far away.
     let sane = s.q.abs().simd_le(F::splat(1e6));
     s.q = sane.select(s.q, F::splat(1e6));
     s.dq = sane.select(s.dq, zero());
+}
+
+/// Speed after a step under dry friction: an effort that stops it within the step if it can. Friction that gives is a
+/// spring up to where it slides, its effort taken at the end of the step.
+fn slide(m: &Model<'_>, s: &mut State, free: F, gain: F, dry: F) -> F {
+    let stopped = sign_of(free) * (free.abs() - gain * dry).fast_max(zero());
+    if !m.used.give {
+        return stopped;
+    }
+    let gives = (m.give * dry).simd_gt(zero());
+    let stiffness = gives.select(dry / m.give, zero());
+    let held = (free - gain * stiffness * s.bristle) / (F::splat(1.0) + gain * stiffness * m.dt);
+    let effort = clamp(stiffness * (s.bristle + held * m.dt), -dry, dry);
+    s.bristle = gives.select(effort / stiffness, zero());
+    gives.select(free - gain * effort, stopped)
 }
 
 fn play(out: F, input: F, half: F) -> F {
@@ -553,7 +408,7 @@ pub fn simulate_lanes(run: &RunData, params: &[Params], dt_s: f64, trace: &mut V
             mechanics(&m, &mut s, ab, enabled);
             transmission(&m, &mut s);
             while let Some(x) = run.samples.get(row).filter(|x| x.step == step) {
-                trace.push(blend(&m, outputs(&m, &s, *applied), &before, x.part));
+                trace.push(blend(&m, &s, outputs(&m, &s, *applied), &before, x.part));
                 row += 1;
             }
             before = Before::of(&m, &s);
@@ -563,18 +418,23 @@ pub fn simulate_lanes(run: &RunData, params: &[Params], dt_s: f64, trace: &mut V
     trace.resize(run.samples.len(), last);
 }
 
-/// Angles run on between steps. A row at the very instant of a step holds the duty that follows; current and voltage were
-/// read before the controller acted, after it, or in between: the data format does not say, a parameter does.
-fn blend(m: &Model<'_>, mut after: Row, before: &Before, part: f64) -> Row {
+/// Signals run on between steps. A row at the very instant of a step holds the duty that follows; current, voltage and
+/// effort were read before the controller acted, after it, or in between: the data format does not say, a parameter does.
+fn blend(m: &Model<'_>, s: &State, mut after: Row, before: &Before, part: f64) -> Row {
+    let began = [s.began[1] / m.kt, s.began[0]];
     if part < AT_STEP {
-        for (c, early) in [(1, before.current), (3, before.bus), (5, before.effort)] {
-            after[c] = early + m.read_after * (after[c] - early);
-        }
+        let mix = |early: F, late: F| early + m.read_after * (late - early);
+        after[1] = mix(before.current, began[0]);
+        after[3] = mix(before.bus, after[3]);
+        after[5] = mix(before.effort, began[1]);
     }
-    let part = F::splat(part);
-    let (position, link) = (before.output * m.record_scale, before.link + m.mech);
-    after[0] = position + part * (after[0] - position);
-    after[4] = link + part * (after[4] - link);
+    let between = |early: F, late: F| early + F::splat(part) * (late - early);
+    if part >= AT_STEP {
+        after[1] = between(began[0], after[1]);
+        after[5] = between(began[1], after[5]);
+    }
+    after[0] = between(before.output * m.record_scale, after[0]);
+    after[4] = between(before.link + m.mech, after[4]);
     after
 }
 

@@ -36,6 +36,9 @@ params! {
     Quantum = 0.0, "set-point step";
     ReadAfter = 0.0, "0: a row at a tick holds current and voltage from before the controller acted, 1: from after";
     Deadband = 0.0, "half width of ignored errors";
+    Windup = 1.0, "how fast a saturated controller goes on integrating: 1 fully, 0 not at all";
+    Tightness = 0.0, "one over the controller's limit, where that is unknown";
+    Grip = 0.0, "time constant of a velocity servo's inner loop, s";
     SlewLimit = f64::INFINITY, "largest speed of the set-point";
     FeedbackDelay = 0.0, "encoder delay in the controller, s";
     SpeedDelay = 1.0, "delay of the controller's speed estimate, in controller periods";
@@ -45,6 +48,8 @@ params! {
     DerateTime = 60.0, "time constant of the derating, s";
     DerateShare = 0.0, "share of torque lost when warm";
     Sag = 0.0, "source resistance, ohm";
+    Regeneration = 1.0, "share of the current that a braking motor feeds back into the source";
+    Give = 0.0, "travel before dry friction slides";
     Coulomb = 0.0, "N m or N";
     Viscous = 0.0, "N m s/rad";
     Static = 0.0, "friction above Coulomb at standstill";

@@ -1,7 +1,9 @@
 //! The one word of the verdict, and how probable it is.
 
 use crate::diagnose::{Diagnosis, Settings};
+use crate::interface;
 use crate::verdict::{Gap, Probabilities, Word};
+use crate::vocabulary::Stage;
 
 /// A cost of this many floors is a significant remainder. Nulls reach 1.5, known effects once they are in the model 1.6.
 pub(super) const REMAINDER: f64 = 2.2;
@@ -22,6 +24,33 @@ pub(super) fn explained(d: &Diagnosis) -> f64 {
     1.0 - (d.selection.held_out - d.floor_cost).max(0.0) / (first - d.floor_cost).max(1e-9)
 }
 
+/// Whether the remainder looks like a finer law of an effect that was found: the effect takes nearly all of the gap, it is
+/// the only one of its stage, and the remainder sits in that stage as far as signals tell. Two effects of one stage that
+/// leave a remainder imitate a law which the library lacks.
+fn coarser(d: &Diagnosis, settings: &Settings) -> bool {
+    // Share of the excess that a coarser law of the right kind takes. Coulomb friction for friction that varies as much as
+    // it can with position takes two thirds.
+    const NEARLY_ALL: f64 = 0.88;
+    let stages: Vec<Stage> = (d.selection.found.iter())
+        .map(|f| f.candidate.effect.stage())
+        .collect();
+    let told = interface::shares(
+        &d.problem,
+        &d.score_runs,
+        &d.selection.model.params,
+        d.independent,
+        settings.seed,
+    );
+    let place = told.and_then(|t| t.first().and_then(|s| s.stage));
+    let place = place.or(match stages.as_slice() {
+        [only] => Some(*only),
+        _ => None,
+    });
+    let inside = |s: &Stage| matches!(s, Stage::Drivetrain | Stage::Transmission | Stage::Supply);
+    explained(d) >= NEARLY_ALL
+        && place.is_some_and(|p| inside(&p) && stages.iter().filter(|s| **s == p).count() == 1)
+}
+
 pub(super) fn word(d: &Diagnosis, gap: &Gap, settings: &Settings) -> Word {
     let found = &d.selection.found;
     let left = remainder(d, settings);
@@ -30,7 +59,13 @@ pub(super) fn word(d: &Diagnosis, gap: &Gap, settings: &Settings) -> Word {
         (true, false) => Word::None,
         (true, true) if repeats || gap.shrink < 0.25 => Word::Unknown,
         (true, true) => Word::PartlyExplained,
-        (false, true) if repeats && (explained(d) < 0.9 || left > 2.0 * REMAINDER) => Word::Unknown,
+        (false, true)
+            if repeats
+                && (explained(d) < 0.9 || left > 2.0 * REMAINDER)
+                && !coarser(d, settings) =>
+        {
+            Word::Unknown
+        }
         (false, true) => Word::PartlyExplained,
         (false, false) if found.iter().all(|f| f.candidate.effect.is_base()) => Word::Parametric,
         (false, false) => Word::Explained,

@@ -1,0 +1,206 @@
+//! Parameters of a run, resolved to absolute values once, for eight lanes.
+
+use wide::f64x8 as F;
+
+use super::super::data::RunData;
+use super::super::param::{P, Params};
+use super::{LANES, SEEN};
+
+/// Which optional parts of the model any lane uses.
+pub(super) struct Used {
+    pub(super) ripple: bool,
+    pub(super) stribeck: bool,
+    pub(super) load: bool,
+    pub(super) directional: bool,
+    pub(super) sag: bool,
+    pub(super) derate: bool,
+    pub(super) limit: bool,
+    pub(super) feedback_delay: bool,
+    pub(super) gravity: bool,
+    pub(super) play: bool,
+    pub(super) output_play: bool,
+    pub(super) twist: bool,
+    pub(super) give: bool,
+}
+
+/// Parameters of a run, resolved to absolute values once.
+pub(super) struct Model<'a> {
+    pub(super) p: &'a [Params],
+    pub(super) used: Used,
+    pub(super) dt: F,
+    /// dt / 2.
+    pub(super) half: F,
+    /// dt / inertia.
+    pub(super) k: F,
+    pub(super) inertia: F,
+    pub(super) gravity: F,
+    pub(super) mech: F,
+    /// Effort per unit of duty and volt.
+    pub(super) gv: F,
+    /// Effort per speed lost to the back-EMF.
+    pub(super) ge: F,
+    /// Effort per ampere.
+    pub(super) kt: F,
+    pub(super) supply: F,
+    pub(super) kp: F,
+    pub(super) ki: F,
+    pub(super) windup: F,
+    pub(super) kd: F,
+    pub(super) band: F,
+    pub(super) lag: F,
+    pub(super) limit: F,
+    /// Steps and time constant of a velocity servo, s.
+    pub(super) grip: F,
+    pub(super) effort_limit: F,
+    pub(super) speed_limit: F,
+    pub(super) sag: F,
+    pub(super) regeneration: F,
+    pub(super) derate: F,
+    pub(super) warming: F,
+    pub(super) coulomb: F,
+    /// Travel that dry friction gives before it slides.
+    pub(super) give: F,
+    pub(super) viscous: F,
+    pub(super) asymmetry: F,
+    pub(super) asymmetry_viscous: F,
+    pub(super) quadratic: F,
+    pub(super) stick: F,
+    pub(super) stribeck_speed: F,
+    pub(super) load_share: F,
+    /// Share of the inertia that sits behind the gear.
+    pub(super) behind: F,
+    pub(super) ripple: [F; 3],
+    pub(super) play: F,
+    pub(super) output_play: F,
+    pub(super) flexibility: F,
+    pub(super) record_scale: F,
+    pub(super) read_after: F,
+    /// Steps of the controller's speed estimate; `None` where it is exact.
+    pub(super) speed: Option<[f64; LANES]>,
+    /// Ticks of a controller slower than the steps: it holds its output from tick to tick.
+    pub(super) ticks_per_step: Option<f64>,
+    pub(super) delay_steps: [f64; LANES],
+}
+
+fn lanes(p: &[Params], f: impl Fn(&Params) -> f64) -> F {
+    let mut a = [0.0; LANES];
+    for (i, a) in a.iter_mut().enumerate() {
+        // Lanes beyond the last set repeat it: idle, but harmless.
+        if let Some(p) = p.get(i).or(p.last()) {
+            *a = f(p);
+        }
+    }
+    F::from(a)
+}
+
+pub(super) fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> {
+    let n = &run.nominal;
+    let get = |q: P| lanes(p, |p| p.get(q));
+    let any = |q: P| p.iter().any(|p| p.get(q) != Params::neutral(q));
+    let volts = n.supply_v.max(1e-9);
+    let kt = |p: &Params| n.effort_per_a * p.get(P::Motor) * p.get(P::Ampere);
+    let resistance = |p: &Params| p.get(P::Resistance).max(1e-6);
+    let inertia = |p: &Params| (n.inertia * p.get(P::Inertia)).max(1e-12);
+    let gravity = |p: &Params| n.gravity * p.get(P::Gravity) + p.get(P::Weight);
+    let effort_limit = |p: &Params| {
+        n.effort_limit
+            .min(p.get(P::TorqueLimit))
+            .min(p.get(P::CurrentLimit) * kt(p))
+    };
+    let limit = |p: &Params| {
+        let tightness = p.get(P::Tightness);
+        if tightness > 0.0 {
+            n.limit.min(1.0 / tightness)
+        } else {
+            n.limit
+        }
+    };
+    let lag = |p: &Params| {
+        let lag = p.get(P::Lag).max(0.0);
+        if lag > 0.0 {
+            1.0 - libm::exp(-dt / lag)
+        } else {
+            1.0
+        }
+    };
+    let mut delay_steps = [0.0; LANES];
+    for (d, p) in delay_steps.iter_mut().zip(p) {
+        *d = (p.get(P::FeedbackDelay) / dt).max(0.0);
+    }
+    let used = Used {
+        ripple: any(P::RippleSin) || any(P::RippleCos),
+        stribeck: any(P::Static),
+        load: any(P::LoadShare),
+        directional: any(P::Asymmetry) || any(P::AsymmetryViscous) || any(P::Quadratic),
+        sag: any(P::Sag),
+        derate: any(P::DerateShare),
+        limit: p.iter().any(|p| effort_limit(p).is_finite()),
+        feedback_delay: delay_steps.iter().any(|d| *d > 0.0),
+        gravity: p.iter().any(|p| gravity(p) != 0.0),
+        play: any(P::Play),
+        output_play: any(P::OutputPlay),
+        twist: any(P::Flexibility),
+        give: any(P::Give),
+    };
+    Model {
+        p,
+        used,
+        dt: F::splat(dt),
+        half: F::splat(0.5 * dt),
+        k: lanes(p, |p| dt / inertia(p)),
+        inertia: lanes(p, inertia),
+        gravity: lanes(p, gravity),
+        mech: get(P::MechOffset),
+        gv: lanes(p, |p| n.stall / volts * p.get(P::Motor) / resistance(p)),
+        ge: lanes(p, |p| {
+            n.stall / n.no_load_speed * p.get(P::Motor) * p.get(P::Motor) / resistance(p)
+        }),
+        kt: lanes(p, kt),
+        supply: lanes(p, |p| n.supply_v * p.get(P::Supply)),
+        kp: lanes(p, |p| n.kp * p.get(P::LoopGain)),
+        ki: F::splat(n.ki),
+        windup: get(P::Windup),
+        kd: lanes(p, |p| n.kd * p.get(P::Damping)),
+        band: get(P::Deadband),
+        lag: lanes(p, lag),
+        limit: lanes(p, limit),
+        grip: lanes(p, |p| dt + p.get(P::Grip)),
+        effort_limit: lanes(p, effort_limit),
+        speed_limit: F::splat(n.speed_limit),
+        sag: get(P::Sag),
+        regeneration: get(P::Regeneration),
+        derate: get(P::DerateShare),
+        warming: lanes(p, |p| (dt / p.get(P::DerateTime).max(1e-3)).min(1.0)),
+        coulomb: get(P::Coulomb),
+        give: get(P::Give),
+        viscous: get(P::Viscous),
+        asymmetry: get(P::Asymmetry),
+        asymmetry_viscous: get(P::AsymmetryViscous),
+        quadratic: get(P::Quadratic),
+        stick: get(P::Static),
+        stribeck_speed: get(P::StribeckSpeed),
+        load_share: get(P::LoadShare),
+        behind: get(P::Behind),
+        ripple: [get(P::RippleSin), get(P::RippleCos), get(P::RipplePeriods)],
+        play: get(P::Play),
+        output_play: get(P::OutputPlay),
+        flexibility: get(P::Flexibility),
+        record_scale: get(P::RecordScale),
+        read_after: get(P::ReadAfter),
+        speed: speed_steps(p, n.period_s, dt),
+        delay_steps,
+        ticks_per_step: (n.period_s > 1.5 * dt).then(|| dt / n.period_s),
+    }
+}
+
+/// Steps over which the controller takes its difference of positions: as late as half their number.
+fn speed_steps(p: &[Params], period_s: f64, dt: f64) -> Option<[f64; LANES]> {
+    if period_s <= 0.0 || p.iter().all(|p| p.get(P::SpeedDelay) <= 0.0) {
+        return None;
+    }
+    let mut out = [1.0; LANES];
+    for (steps, p) in out.iter_mut().zip(p) {
+        *steps = (2.0 * p.get(P::SpeedDelay) * period_s / dt).clamp(0.0, SEEN as f64 - 1.0);
+    }
+    Some(out)
+}

@@ -1,0 +1,67 @@
+//! The last word on every effect: what is not worth its place in the finished model leaves it.
+
+use super::{Found, Node, Search};
+use crate::fit::{Model, Objective};
+
+/// Least gain of an effect on runs that no fit has seen, as a share of what is left: it may be small, but no loss.
+const UNSEEN_GAIN: f64 = 0.02;
+
+impl Search<'_> {
+    /// Takes out every effect without which the refitted model is as good: on held-out gaits, or on the runs that the
+    /// figures are taken on. The least useful one goes first; the others are judged anew after it.
+    pub(super) fn clear(&self, node: &mut Node, first: f64) {
+        while !node.found.is_empty() {
+            let o = self.tuned(&node.model);
+            let now = node.held_out() + o.prior_cost(&node.model);
+            let mut models: Vec<Model> = node
+                .found
+                .iter()
+                .map(|f| self.without(&node.model, &f.candidate))
+                .collect();
+            o.polish_all(&mut models, 8);
+            let mut least: Option<(f64, usize, Vec<f64>)> = None;
+            let scale = self.scale(now, first);
+            for (i, m) in models.iter().enumerate() {
+                let held = self.held_out(&o, m);
+                let loss = held.iter().sum::<f64>() + o.prior_cost(m) - now;
+                node.found[i].gain = loss / scale;
+                let needless = !self.worth(&o, node, &node.found[i], m, loss, first);
+                if needless && least.as_ref().is_none_or(|l| loss < l.0) {
+                    least = Some((loss, i, held));
+                }
+            }
+            let Some((_, i, held)) = least else { return };
+            node.found.remove(i);
+            node.model = models.swap_remove(i);
+            node.held = held;
+            self.settle(node);
+        }
+    }
+
+    /// Whether `found` earns its place in `node` against the refitted model `bare` without it, which costs `loss` more.
+    fn worth(
+        &self,
+        o: &Objective<'_>,
+        node: &Node,
+        found: &Found,
+        bare: &Model,
+        loss: f64,
+        first: f64,
+    ) -> bool {
+        let now = node.held_out() + o.prior_cost(&node.model);
+        let base = found.candidate.effect.is_base();
+        // A base parameter has shown beforehand that it left its tolerance.
+        let gains = self.enough(loss / self.scale(now, first)) || base && loss > 0.0;
+        gains && self.holds(&node.model, bare, first)
+    }
+
+    /// Whether the model with an effect does better than `bare` on runs that neither was fitted to.
+    fn holds(&self, model: &Model, bare: &Model, first: f64) -> bool {
+        let Some(check) = &self.check else {
+            return true;
+        };
+        let costs = check.data_costs(&[model.params, bare.params]);
+        let (with, without) = (costs[0], costs[1]);
+        without - with > UNSEEN_GAIN * self.scale(with, first)
+    }
+}
