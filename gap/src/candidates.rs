@@ -427,8 +427,17 @@ fn friction(list: &mut List, s: &Scales) {
         tolerance: Some(0.3),
         ..linear(P::Behind, 1.0, 0.0, 1.0)
     };
-    let starts = [0.02, 0.08, 0.25, 0.6].map(|x| vec![x, 0.5]).to_vec();
-    let free = vec![linear(P::LoadShare, 0.1, 0.0, 2.0), behind];
+    // Nor is it whether the motor's effort or the load presses the teeth.
+    let of = Free {
+        tolerance: Some(1.0),
+        ..linear(P::LoadOf, 1.0, 0.0, 1.0)
+    };
+    let sizes = [0.02, 0.08, 0.25, 0.6];
+    let starts = sizes
+        .iter()
+        .flat_map(|x| [0.0, 1.0].map(|w| vec![*x, 0.5, w]));
+    let starts = starts.collect();
+    let free = vec![linear(P::LoadShare, 0.1, 0.0, 2.0), behind, of];
     list.add(Effect::LoadDependentFriction, "", free, starts);
     let both = |p, scale: f64| linear(p, 0.1 * scale, -1e3 * scale, 1e3 * scale);
     let free = vec![

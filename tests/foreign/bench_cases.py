@@ -69,7 +69,7 @@ def cases():
     add("deadband", ("deadband",), deadband=0.03, **DRIVE)
     add("deadband_position_only", ("deadband", "backlash", "stribeck_friction"), deadband=0.04, record=POSITION_ONLY, **DRIVE)
     add("velocity_limit", ("velocity_limit",), slew=1.5, **DRIVE)
-    add("velocity_limit_velocity", ("velocity_limit",), nominal={"speed": 6.0}, **{**VELOCITY, "limit": 1.5})
+    add("velocity_limit_velocity", ("velocity_limit",), nominal={"speed": 6.0, "limit": 6.0}, **{**VELOCITY, "limit": 1.5})
     add("torque_limit", ("torque_limit", "current_limit"), torque_limit=0.5, **DRIVE)
     add("current_limit", ("current_limit", "torque_limit"), current_limit=0.6, **DRIVE)
     add("derating", ("thermal_derating",), derate_share=0.3, derate_time=6.0, seconds=16.0, repeats=1, **DRIVE)

@@ -407,7 +407,7 @@ def key_values(case, rng):
             value = case.nominal.get(k, getattr(j, k))
             if value:
                 lines.append(f"{k} = {value:.6g}")
-        lines += [f"limit = {j.limit:.6g}", f"period_s = {j.period:.6g}"]
+        lines += [f"limit = {case.nominal.get('limit', j.limit):.6g}", f"period_s = {j.period:.6g}"]
     elif j.command == "position" and "output" in case.known:
         lines += ["[bench.controller]", f'output = "{j.output}"']
     return lines

@@ -305,7 +305,9 @@ fn mechanics(m: &Model<'_>, s: &mut State, electrical: (F, F), enabled: bool) {
     }
     if m.used.load {
         // What the gear transmits: the hanging load, and the inertia behind the gear as it was accelerated last.
-        dry += m.load_share * (m.behind * s.inertial - hanging).abs();
+        let moved = (m.behind * s.inertial - hanging).abs();
+        let pressed = (a - b * speed).abs().fast_max(hanging.abs());
+        dry += m.load_share * (moved + m.load_of * (pressed - moved));
     }
     s.dq = slide(m, s, free, gain, dry.fast_max(zero()));
     // A trapezium, less what the decay bends it.

@@ -56,6 +56,7 @@ params! {
     StribeckSpeed = 0.1, "speed at which half of it is gone";
     LoadShare = 0.0, "friction over transmitted effort";
     Behind = 0.5, "share of the inertia that sits behind the gear";
+    LoadOf = 0.0, "what rubs in a gear: 0 what it transmits to the load, 1 the larger of motor effort and hanging load";
     Asymmetry = 0.0, "half of the Coulomb difference, forward minus backward";
     AsymmetryViscous = 0.0, "half of the viscous difference";
     Quadratic = 0.0, "N m s^2/rad^2";

@@ -31,6 +31,11 @@ fn coarser(d: &Diagnosis, settings: &Settings) -> bool {
     // Share of the excess that a coarser law of the right kind takes. Coulomb friction for friction that varies as much as
     // it can with position takes two thirds.
     const NEARLY_ALL: f64 = 0.88;
+    // One effect that takes so much is the right one, wherever the rest sits.
+    const ALL_BUT: f64 = 0.99;
+    if d.selection.found.len() == 1 && explained(d) >= ALL_BUT {
+        return true;
+    }
     let stages: Vec<Stage> = (d.selection.found.iter())
         .map(|f| f.candidate.effect.stage())
         .collect();

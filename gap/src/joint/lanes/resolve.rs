@@ -67,6 +67,7 @@ pub(super) struct Model<'a> {
     pub(super) stick: F,
     pub(super) stribeck_speed: F,
     pub(super) load_share: F,
+    pub(super) load_of: F,
     /// Share of the inertia that sits behind the gear.
     pub(super) behind: F,
     pub(super) ripple: [F; 3],
@@ -180,6 +181,7 @@ pub(super) fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> 
         stick: get(P::Static),
         stribeck_speed: get(P::StribeckSpeed),
         load_share: get(P::LoadShare),
+        load_of: get(P::LoadOf),
         behind: get(P::Behind),
         ripple: [get(P::RippleSin), get(P::RippleCos), get(P::RipplePeriods)],
         play: get(P::Play),
