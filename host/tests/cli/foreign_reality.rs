@@ -7,13 +7,17 @@ use std::process::Command;
 use crate::rig::{Folder, rb, skip};
 
 /// Cases of `tests/foreign/bench_cases.py`, and what causes their gap; none for the joints that are as stated.
-const CASES: [(&str, Option<&str>); 6] = [
+const CASES: [(&str, Option<&str>); 10] = [
     ("null_duty", None),
     ("null_voltage_command", None),
+    ("null_pid_integral", None),
+    ("null_velocity", None),
     ("coulomb_voltage_command", Some("coulomb_friction")),
     ("latency_40", Some("latency")),
     ("deadband", Some("deadband")),
     ("gain_low", Some("loop_gain")),
+    ("sag", Some("supply_sag")),
+    ("coulomb_position_only", Some("coulomb_friction")),
 ];
 
 pub(crate) fn python() -> Option<PathBuf> {
