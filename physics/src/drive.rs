@@ -92,7 +92,7 @@ impl<'a> LaneDrive<'a> {
                 let reach = options.approach_rad_s * lead_s;
                 self.sent[joint] = x.clamp(-reach, reach) as f32;
             }
-            self.apply(lane, command);
+            self.apply(time_s, lane, command);
             return false;
         }
         if let Drive::LinkAngles {
@@ -112,12 +112,15 @@ impl<'a> LaneDrive<'a> {
             );
         }
         let tick_time_s = f64::from(self.tick) / CONTROL_RATE_HZ;
-        if time_s + TICK_GUARD < tick_time_s {
-            return false;
+        let ticked = time_s + TICK_GUARD >= tick_time_s;
+        if ticked {
+            self.next_tick(motors);
         }
-        self.next_tick(motors);
-        self.apply(lane, command);
-        true
+        // Late set-points arrive between ticks too.
+        if ticked || !self.history.is_empty() {
+            self.apply(time_s, lane, command);
+        }
+        ticked
     }
 
     fn next_tick(&mut self, motors: usize) {
@@ -166,13 +169,13 @@ impl<'a> LaneDrive<'a> {
     }
 
     /// Passes the sent set-points through latency, conventions and quantisation into the command.
-    fn apply<L: Lane>(&self, lane: usize, command: &mut Command<L>) {
+    fn apply<L: Lane>(&self, time_s: f64, lane: usize, command: &mut Command<L>) {
         let robot = &self.trial.params.robot;
         for joint in 0..robot.motors() {
             let j = &self.trial.params.joints[joint];
             let mut x = f64::from(self.sent[joint]);
             if j.command_delay_s > 0.0 && !self.history.is_empty() && self.tick > 0 {
-                x = self.delayed(joint, j.command_delay_s * CONTROL_RATE_HZ);
+                x = self.arrived(joint, time_s - j.command_delay_s);
             }
             if j.command_ratio != 1.0 || j.command_offset_rad != 0.0 {
                 x = x * j.command_ratio + j.command_offset_rad;
@@ -184,14 +187,13 @@ impl<'a> LaneDrive<'a> {
         }
     }
 
-    /// The set-point `ticks` ago: a step between two ticks takes the newest that has arrived at the later of them.
-    fn delayed(&self, joint: usize, ticks: f64) -> f64 {
-        let back = (ticks.ceil() as usize).min(HISTORY - 1);
-        let newest = self.tick as usize - 1;
-        if back > newest {
+    /// The newest set-point that was sent at `time_s` or before.
+    fn arrived(&self, joint: usize, time_s: f64) -> f64 {
+        let ticks = (time_s + TICK_GUARD) * CONTROL_RATE_HZ;
+        if ticks < 0.0 {
             return f64::from(self.first[joint]);
         }
-        f64::from(self.history[(newest - back) % HISTORY][joint])
+        f64::from(self.history[ticks as usize % HISTORY][joint])
     }
 }
 

@@ -126,6 +126,40 @@ fn effects_of_other_stages_are_refused_by_name() {
     );
 }
 
+#[test]
+fn late_set_points_arrive_between_ticks() {
+    const RATE_HZ: f64 = 200.0;
+    // Set-points at 20 Hz, a step of 0.2 rad after a second; the instant at which the first encoder is half way.
+    let half_way_s = |delay_s: f64| {
+        let values: Vec<f32> = (0..40)
+            .flat_map(|i| [if i < 20 { 0.0 } else { 0.2 }; 6])
+            .collect();
+        let trial = Trial {
+            params: Arc::new(Params::try_from(&with(Effect::Latency, &[delay_s])).unwrap()),
+            start: Start::HomeAtOnce,
+            drive: Drive::SetPoints {
+                period_s: 0.05,
+                values_rad: Arc::from(values),
+            },
+            duration_s: 2.0,
+        };
+        let options = Options {
+            sample_rate_hz: RATE_HZ,
+            ..options()
+        };
+        let outcome = run_at(Level::detect(), &[trial], &options)
+            .unwrap()
+            .remove(0);
+        let mut first = outcome.encoders_rad.iter().step_by(6);
+        first.position(|q| *q > 0.1).unwrap() as f64 / RATE_HZ
+    };
+    let at_once_s = half_way_s(0.0);
+    for delay_s in [0.02, 0.05, 0.08, 0.1] {
+        let late_s = half_way_s(delay_s) - at_once_s;
+        assert!((late_s - delay_s).abs() < 0.006, "{late_s} for {delay_s}");
+    }
+}
+
 fn high() -> Pose {
     Pose {
         position_m: [0.0, 0.0, 50.0],
