@@ -132,6 +132,74 @@ fn a_cycle_in_pieces_ends_with_the_bytes_of_a_whole_one() {
     }
 }
 
+/// Without the time that the diagnosis took.
+fn timeless(folder: &Folder) -> BTreeMap<String, Vec<u8>> {
+    let mut files = tree(&folder.path("hyb"));
+    files.retain(|name, _| !name.ends_with("diagnosis.html"));
+    for (name, bytes) in &mut files {
+        if name.ends_with("diagnosis.json") {
+            let mut verdict: serde_json::Value = serde_json::from_slice(bytes).unwrap();
+            verdict["provenance"]["wall_time_s"] = serde_json::Value::Null;
+            *bytes = verdict.to_string().into_bytes();
+        }
+    }
+    files
+}
+
+/// The effects that a model file switches on, as its text has them.
+fn effects(files: &BTreeMap<String, Vec<u8>>, name: &str) -> String {
+    let text = std::str::from_utf8(&files[name]).unwrap();
+    let start = text.find("[effect");
+    start.map_or_else(String::new, |start| text[start..].to_owned())
+}
+
+#[test]
+fn a_diagnosed_cycle_searches_on_the_patched_model_next_and_may_be_interrupted() {
+    let settings = format!("diagnose = true{TINY}");
+    let whole = Folder::new("hybrid-diagnosed");
+    whole.write("tiny.toml", &settings);
+    hybrid(&whole, &["-s", "tiny.toml", "--until", "resimulate"]).expect(0);
+    hybrid(&whole, &["--resume", "--cycles", "2", "--until", "search"]).expect(0);
+    let files = timeless(&whole);
+    let found = effects(&files, "cycle1/diagnosis.toml");
+    assert!(!found.is_empty(), "the drawn robot has a gap that is named");
+    assert_eq!(found, effects(&files, "cycle1/patched.toml"));
+    assert_eq!(
+        found,
+        effects(&files, "cycle2/model.toml"),
+        "the next cycle searches with the effects found"
+    );
+    assert_eq!(effects(&files, "cycle1/start.toml"), "");
+    // Ctrl-C while it diagnoses: the step is done again, to the same bytes.
+    let pieces = Folder::new("hybrid-interrupted");
+    pieces.write("tiny.toml", &settings);
+    hybrid(
+        &pieces,
+        &["-s", "tiny.toml", "--cycles", "2", "--until", "record"],
+    )
+    .expect(0);
+    let args = [
+        "hybrid", "-o", "hyb", "-j", "1", "--cycles", "2", "--resume",
+    ];
+    let mut child = command(&pieces, &args)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .unwrap();
+    let id = child.id().to_string();
+    Command::new("kill").args(["-INT", &id]).status().unwrap();
+    child.wait().unwrap();
+    hybrid(
+        &pieces,
+        &["--resume", "--cycles", "2", "--until", "diagnose"],
+    )
+    .expect(0);
+    let again = timeless(&pieces);
+    for name in ["cycle1/diagnosis.json", "cycle1/diagnosis.toml"] {
+        assert!(again[name] == files[name], "{name} differs");
+    }
+}
+
 /// The account adds up, and the robot's part of it is what the runs took.
 #[test]
 fn the_time_account_adds_up() {
