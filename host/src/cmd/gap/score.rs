@@ -364,12 +364,12 @@ pub(super) fn several(group: Group<'_>, names: [&'static str; 3]) -> Vec<Row> {
     ]
 }
 
-/// None and unknown.
-pub(super) fn words(all: &[Opened]) -> Vec<Row> {
+/// None and unknown; `clear` are the cases that can be seen.
+pub(super) fn words(all: &[Opened], clear: &dyn Fn(&Opened) -> bool) -> Vec<Row> {
     let pick =
         |f: &dyn Fn(&Opened) -> bool| -> Vec<&Opened> { all.iter().filter(|o| f(o)).collect() };
     let nulls = pick(&|o| o.kind() == "null");
-    let outside = pick(&|o| o.kind() == "outside" && o.floors("floors_any"));
+    let outside = pick(&|o| o.kind() == "outside" && clear(o));
     let inside = pick(&|o| o.kind() != "outside");
     let unknown = |o: &Opened| o.word() == "unknown";
     vec![

@@ -50,7 +50,7 @@ pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
         "exact, detectable pairs",
     ];
     rows.extend(several(&pairs, names));
-    rows.extend(words(&all));
+    rows.extend(words(&all, &clear));
     rows.extend(sizes(&known, &singles));
     let every = pick(&|_| true);
     rows.push(row(

@@ -24,7 +24,7 @@ pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
         "exact, two or three causes",
     ];
     rows.extend(several(&more, names));
-    rows.extend(words(&all));
+    rows.extend(words(&all, &any));
     let known = pick(&|o| !matches!(o.kind(), "null" | "outside"));
     // Of what nobody can see, no probability is right.
     let clear = pick(&|o| o.kind() == "null" || any(o));
