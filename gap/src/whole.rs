@@ -4,6 +4,7 @@
 //! ([`joints`]), the body in short windows led along the measured angles ([`body`]), the camera against the measured pose.
 
 mod answer;
+mod belief;
 mod body;
 mod body_answer;
 mod body_library;
@@ -21,7 +22,9 @@ mod loads;
 mod open;
 mod page;
 mod patch;
+mod places;
 mod predict;
+mod regime;
 mod replay;
 mod rough;
 mod score;
@@ -127,6 +130,8 @@ struct Parts {
     data: Arc<Data>,
     conventions: Conventions,
     direct: Vec<direct::Reading>,
+    /// Effects that must not be named.
+    withhold: Vec<Effect>,
     split: String,
     joints: Vec<Found>,
     body: Option<body::Found>,
@@ -250,7 +255,7 @@ pub fn diagnose(
         loads_together
             .cause(body.as_ref(), &mut replayed)
             // A replay on a ground or of a body that is another one is too rough for torques to show a mass besides.
-            .filter(|r| !settings.withhold.contains(&r.effect) && !named(r.effect))
+            .filter(|r| !named(r.effect))
             .filter(|r| r.effect != Effect::Mass || !other),
     );
     if joints.is_empty() && body.is_none() {
@@ -278,6 +283,7 @@ pub fn diagnose(
         data,
         conventions,
         direct,
+        withhold: settings.withhold.clone(),
         split,
         joints,
         friction: model.value(Key::Friction),

@@ -17,6 +17,8 @@ const BETTER: f64 = 0.33;
 pub(super) struct Conventions {
     /// Joint `k` follows the set-point column `order[k]`.
     pub(super) order: [usize; JOINTS],
+    /// Column in which the echo of the set-points of column `i` stands: with the set-points, or with the joint that follows them.
+    pub(super) echo_at: [usize; JOINTS],
     /// Slope of angle over set-point; `None` where a joint did not move or was not measured.
     pub(super) slope: [Option<f64>; JOINTS],
     /// Mean of angle less slope times set-point, rad.
@@ -73,6 +75,39 @@ fn column(track: Option<&Track>, at_s: &[f64], lag_s: f64, hold: bool) -> Option
         }
     };
     Some(at_s.iter().map(one).collect())
+}
+
+/// Share of the echoes in the columns `at` that the set-points sent leave, summed over those columns.
+fn echo_left(data: &Data, at: &[usize; JOINTS]) -> f64 {
+    let mut sums = [Sums::default(); JOINTS];
+    for run in &data.runs {
+        let n = (run.length_s / EVERY_S) as usize;
+        let times: Vec<f64> = (0..n).map(|i| i as f64 * EVERY_S).collect();
+        for (i, sum) in sums.iter_mut().enumerate().filter(|_| n > 1) {
+            let sent = column(run.joints[i].command.as_ref(), &times, 0.0, true);
+            let echo = column(run.joints[at[i]].applied.as_ref(), &times, 0.0, true);
+            if let (Some(sent), Some(echo)) = (sent, echo) {
+                sum.add(&sent, &echo);
+            }
+        }
+    }
+    let known = sums.iter().filter(|s| s.n > 0.0);
+    known.map(Sums::left).sum()
+}
+
+/// Columns of the echoes when joint `k` follows the set-points of column `order[k]`: drivers echo what they were told, so a recorder
+/// that sorts by joint puts the echo beside the joint, one that sorts by address beside the set-point.
+fn echo_columns(data: &Data, order: &[usize; JOINTS]) -> [usize; JOINTS] {
+    let identity: [usize; JOINTS] = std::array::from_fn(|k| k);
+    let mut beside_joint = identity;
+    for (k, address) in order.iter().enumerate() {
+        beside_joint[*address] = k;
+    }
+    if *order != identity && echo_left(data, &beside_joint) < echo_left(data, &identity) {
+        beside_joint
+    } else {
+        identity
+    }
 }
 
 fn sums(data: &Data) -> [[Sums; JOINTS]; JOINTS] {
@@ -148,6 +183,7 @@ pub(super) fn find(data: &Data) -> Conventions {
     }
     let mut out = Conventions {
         order,
+        echo_at: echo_columns(data, &order),
         slope: [None; JOINTS],
         offset_rad: [0.0; JOINTS],
         echo: [Echo::NEUTRAL; JOINTS],

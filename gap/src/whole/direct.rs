@@ -20,6 +20,13 @@ pub(super) struct Reading {
     pub(super) gain: f64,
 }
 
+impl Reading {
+    /// How far it stands over the threshold of about three tolerances.
+    pub(super) fn strength(&self) -> f64 {
+        self.gain.sqrt() / BEYOND
+    }
+}
+
 /// Winding resistances of the two motors, ohm (catalogue of the 2342 012 CR and the 2232 012 SR).
 fn winding_ohm(k: usize) -> f64 {
     if matches!(k, 1 | 4) { 4.09 } else { 1.9 }
@@ -271,6 +278,5 @@ pub(super) fn read(
             conventions.no_load_rad_s[k] = volt / (nm_per_a(k) * conventions.per_ampere[k]);
         }
     }
-    out.retain(|r| !withhold.contains(&r.effect));
     out
 }

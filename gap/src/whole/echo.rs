@@ -194,10 +194,10 @@ fn drift(followed: &[Followed]) -> Option<f64> {
     (xx > 1.0).then(|| xy / xx)
 }
 
-/// Sent and applied set-points of one address in one run.
-fn pair(run: &Run, address: usize) -> Option<(&Track, &Track)> {
-    let j = &run.joints[address];
-    Some((j.command.as_ref()?, j.applied.as_ref()?))
+/// Sent and applied set-points of one address in one run; the echo stands in column `echo_at`.
+fn pair(run: &Run, address: usize, echo_at: usize) -> Option<(&Track, &Track)> {
+    let sent = run.joints[address].command.as_ref()?;
+    Some((sent, run.joints[echo_at].applied.as_ref()?))
 }
 
 fn reading(
@@ -236,9 +236,9 @@ struct Address {
 }
 
 impl Address {
-    fn new(data: &Data, address: usize, rounding: bool) -> Option<Self> {
-        let pairs: Vec<(&Track, &Track)> =
-            data.runs.iter().filter_map(|r| pair(r, address)).collect();
+    fn new(data: &Data, address: usize, echo_at: usize, rounding: bool) -> Option<Self> {
+        let runs = data.runs.iter();
+        let pairs: Vec<(&Track, &Track)> = runs.filter_map(|r| pair(r, address, echo_at)).collect();
         let first = pairs.first()?;
         let known: Vec<f64> = pairs.iter().filter_map(|p| grid(p.0, p.1)).collect();
         let steps: Vec<f64> = known.iter().copied().filter(|s| *s > 0.0).collect();
@@ -389,6 +389,10 @@ impl Address {
             echo.odd |= withheld.contains(&Effect::PacketLoss);
         }
         echo.uneven = spread || lost > LEAST_LOSS * self.sent();
+        if withheld.contains(&Effect::Latency) && constant.late_s[0] > 0.0 {
+            // Late for no reason that may be named: the joint is judged by what reached it.
+            (echo.uneven, echo.odd) = (true, true);
+        }
         if !echo.uneven {
             echo.late_s = Some(constant.late_s);
         }
@@ -438,7 +442,7 @@ pub(super) fn read(
 ) {
     let rounding = !withheld.contains(&Effect::Quantisation);
     let addresses: Vec<Option<Address>> = (0..JOINTS)
-        .map(|a| Address::new(data, a, rounding))
+        .map(|a| Address::new(data, a, conventions.echo_at[a], rounding))
         .collect();
     let mut slope = 0.0;
     if let Some((s, error)) = clock(&addresses) {

@@ -44,6 +44,8 @@ pub(super) struct Item {
     pub(super) parameters: BTreeMap<String, Estimate>,
     /// Cost that the model loses without it, squared tolerances per sample.
     pub(super) gain: f64,
+    /// Its evidence over the threshold that it had to pass.
+    pub(super) strength: f64,
     pub(super) rivals: Vec<Rival>,
     pub(super) place: Place,
     pub(super) plausible: bool,
@@ -271,6 +273,7 @@ fn members(
             joint: candidate.joint,
             parameters: convert(candidate),
             gain: a.removed_alone[m].0.cost - last.cost,
+            strength: a.strengths[m],
             rivals,
             place: place(m),
             plausible: true,
@@ -310,14 +313,28 @@ fn one_clock(mut items: Vec<Item>) -> Vec<Item> {
     items
 }
 
-/// Everything found.
+/// Everything found that may be named.
 pub(super) fn items(d: &Parts) -> Vec<Item> {
+    let mut out = all(d);
+    out.retain(|i| !d.withhold.contains(&i.effect));
+    out
+}
+
+/// What the signals show and nothing that may be named explains.
+pub(super) fn nameless(d: &Parts) -> Vec<Item> {
+    let mut out = all(d);
+    out.retain(|i| d.withhold.contains(&i.effect));
+    out
+}
+
+fn all(d: &Parts) -> Vec<Item> {
     let mut out = conventions(d);
     out.extend(d.direct.iter().map(|r| Item {
         effect: r.effect,
         joint: r.joint,
         parameters: BTreeMap::from([(r.key.to_string(), r.estimate.clone())]),
         gain: r.gain,
+        strength: r.strength(),
         rivals: Vec::new(),
         place: Place::Direct,
         plausible: true,
@@ -360,6 +377,7 @@ pub(super) fn items(d: &Parts) -> Vec<Item> {
             out.push(Item {
                 parameters: BTreeMap::from([("probability".to_string(), estimate)]),
                 gain: (p / deviation.max(1e-6)).powi(2).min(1e3),
+                strength: p / deviation.max(1e-6) / 3.0,
                 place: Place::Direct,
                 ..convention(Effect::FrameDrop, None, "probability", p)
             });
@@ -385,6 +403,7 @@ fn convention(effect: Effect, joint: Option<usize>, key: &str, value: f64) -> It
         )]),
         // Far above anything that a fit gains; a wrong order outweighs all.
         gain: 1e4,
+        strength: 100.0,
         rivals: Vec::new(),
         place: Place::Convention,
         plausible: true,

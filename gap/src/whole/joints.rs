@@ -6,11 +6,11 @@ use rayon::prelude::*;
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::joint_library::{TIMING_S, candidates, coordinates};
-use super::open;
 use super::search::{Answer, Coordinate, Evaluate, Fit, Limits, Search};
 use super::servo::{self, J, JointRun, Nominal, Trace};
+use super::{open, regime};
 use crate::math;
-use crate::vocabulary::Effect;
+use crate::vocabulary::{Effect, Stage};
 
 /// Joints between cubes; the others sit inside one.
 pub(super) const INTER: [usize; 2] = [1, 4];
@@ -103,7 +103,9 @@ pub(super) fn prepare(
 ) -> Option<JointRun> {
     let tracks = &run.joints[k];
     let sent = run.joints[conventions.order[k]].command.as_ref();
-    let applied = run.joints[conventions.order[k]].applied.as_ref();
+    let applied = run.joints[conventions.echo_at[conventions.order[k]]]
+        .applied
+        .as_ref();
     let command = conventions.echo[k].command(sent, applied)?;
     let current = tracks.current.as_ref().map(|c| scaled(c, nominal.nm_per_a));
     let effort = tracks.effort.as_ref().or(current.as_ref());
@@ -150,7 +152,7 @@ fn noise(track: &Track) -> f64 {
 /// Error of the angle from set-points that are known to a row only, rad: uniform over the row, at a typical speed, and
 /// smoothed over two set-points by the servo.
 fn timing_rad(runs: &[JointRun], data: &Data, k: usize, conventions: &Conventions) -> f64 {
-    let address = conventions.order[k];
+    let address = conventions.echo_at[conventions.order[k]];
     let rows = data
         .runs
         .iter()
@@ -324,6 +326,11 @@ impl Tier {
         self.weight[2] > 0.0
     }
 
+    /// One over the tolerance of angle, torque or twist; 0 = not compared.
+    pub(super) fn weight(&self, channel: usize) -> f64 {
+        self.weight[channel]
+    }
+
     /// Tolerance of torques, N m.
     pub(super) fn torque_tolerance_nm(&self) -> f64 {
         if self.weight[1] > 0.0 {
@@ -363,9 +370,15 @@ pub(super) struct Found {
     pub(super) tier: Tier,
     pub(super) answer: Answer,
     /// Share of what is left that general features of the motion predict.
-    law: f64,
+    pub(super) law: f64,
+    /// How many times as much as those features the effects found leave; 0 without effects.
+    rival: f64,
     /// What is left follows a law that the library does not hold.
     pub(super) odd: bool,
+    /// Stage in which what is left arose.
+    pub(super) rest: Stage,
+    /// Regime that holds most of the gap.
+    pub(super) regime: &'static str,
 }
 
 /// Thresholds of a joint: calibrated on null robots, see docs/diagnosis.md.
@@ -479,12 +492,20 @@ pub(super) fn diagnose(
     let sure = late(&search, &base, conventions.echo[tier.joint].late_s);
     let answer = search.answer_with(base, nominal, sure);
     let answer = limited(answer, &tier);
-    let law = open::law(&tier, &answer.last().theta);
+    let (base, last) = (&answer.steps[0].theta, &answer.last().theta);
+    let named = !answer.last().members.is_empty();
     Found {
+        law: open::law(&tier, last),
+        rival: if named {
+            open::rival(&tier, base, last)
+        } else {
+            0.0
+        },
+        rest: regime::rest(&tier, last),
+        regime: regime::regime(&tier, &answer.nominal, last, named),
+        odd: false,
         answer,
         tier,
-        law,
-        odd: false,
     }
 }
 
@@ -497,6 +518,14 @@ pub(super) fn mark(found: &mut [Found]) {
         let others = laws.iter().enumerate().filter(|l| l.0 != k);
         let next = others.map(|l| *l.1).fold(0.0, f64::max);
         f.odd = f.law > open::LAW && f.law > APART * next;
+        if f.rival > open::RIVAL {
+            // The effects found bend to a law that they are not.
+            f.odd = true;
+        }
+        if f.odd && f.rest != Stage::Transmission {
+            // Laws are those of torques.
+            f.rest = Stage::Drivetrain;
+        }
     }
 }
 

@@ -12,6 +12,8 @@ use super::servo::{self, Left, Trace};
 ///
 /// Emulated robots: at most 0.09 on nulls and known effects, 0.24 and more where a spring yields or friction depends on the place.
 pub(super) const LAW: f64 = 0.15;
+/// How many times as much as a law effects may leave.
+pub(super) const RIVAL: f64 = 1.3;
 /// Speed below which a direction of motion is none, rad/s.
 const STILL_RAD_S: f64 = 0.05;
 /// Periods per turn that are tried, and widths of stop operators, rad.
@@ -82,24 +84,26 @@ fn direction(s: &Left) -> f64 {
     }
 }
 
-/// The largest share of a joint's remainder that any law predicts.
-pub(super) fn law(tier: &Tier, theta: &[f64]) -> f64 {
+/// What a model leaves of a joint's torque, with the gait of every sample.
+fn left(tier: &Tier, theta: &[f64]) -> Vec<(usize, Left)> {
     let mut trace = Trace::default();
     let mut samples: Vec<(usize, Left)> = Vec::new();
     for (run, group) in tier.grouped() {
         servo::simulate(run, &tier.nominal, theta, &mut trace);
-        samples.extend(
-            run.left(&trace, &WIDTHS_RAD)
-                .into_iter()
-                .map(|l| (group, l)),
-        );
+        let own = run.left(&trace, &WIDTHS_RAD).into_iter();
+        samples.extend(own.map(|l| (group, l)));
     }
+    samples
+}
+
+/// The largest share of a remainder that any law predicts.
+fn largest(samples: &[(usize, Left)]) -> f64 {
     let groups = samples.iter().map(|s| s.0 + 1).max().unwrap_or(0);
     if groups < 3 {
         return 0.0;
     }
     let torque = |s: &Left| s.torque_nm;
-    let share = |f: &Features| predicted(&samples, groups, &torque, f);
+    let share = |f: &Features| predicted(samples, groups, &torque, f);
     let mut best = share(&|s| s.stops_rad.clone()).max(share(&|s| vec![s.load_nm.abs()]));
     for k in 1..=PERIODS {
         let place = move |s: &Left| {
@@ -109,4 +113,19 @@ pub(super) fn law(tier: &Tier, theta: &[f64]) -> f64 {
         best = best.max(share(&place));
     }
     best
+}
+
+/// The largest share of a joint's remainder that any law predicts.
+pub(super) fn law(tier: &Tier, theta: &[f64]) -> f64 {
+    largest(&left(tier, theta))
+}
+
+/// How many times as much as the best law the effects in `theta` leave of the torque that the calibrated nominal model `base` leaves: above
+/// one a law that the library does not hold explains more than all of them together.
+pub(super) fn rival(tier: &Tier, base: &[f64], theta: &[f64]) -> f64 {
+    let squares =
+        |samples: &[(usize, Left)]| -> f64 { samples.iter().map(|s| s.1.torque_nm.powi(2)).sum() };
+    let before = left(tier, base);
+    let effects = squares(&left(tier, theta)) / squares(&before).max(1e-12);
+    effects / (1.0 - largest(&before)).max(1e-3)
 }

@@ -84,6 +84,7 @@ impl Score {
     ) -> Self {
         let plain = super::Conventions {
             order: std::array::from_fn(|k| k),
+            echo_at: std::array::from_fn(|k| k),
             echo: [Echo::NEUTRAL; JOINTS],
             ..conventions.clone()
         };

@@ -343,12 +343,17 @@ impl<E: Evaluate> Search<'_, E> {
         out
     }
 
-    /// Forward selection, then backward pruning of all but the members of `sure`.
-    fn run(&self, base: Fit, sure: Option<Fit>) -> Vec<Fit> {
+    /// Forward selection, then backward pruning of all but the members of `sure`; the steps, and the gain of the best candidate that
+    /// was not taken, over its threshold.
+    fn run(&self, base: Fit, sure: Option<Fit>) -> (Vec<Fit>, f64) {
         let kept = sure.as_ref().map_or_else(Vec::new, |s| s.members.clone());
         let mut steps = vec![base];
         steps.extend(sure);
-        while let Some(next) = self.forward(&steps[steps.len() - 1], steps[0].held_out) {
+        let mut nearest;
+        loop {
+            let next;
+            (next, nearest) = self.forward(&steps[steps.len() - 1], steps[0].held_out);
+            let Some(next) = next else { break };
             // Everything settles before a further effect is looked at.
             let settled = self.fit(&next.theta, &next.members, 2 * self.limits.iterations);
             steps.push(settled);
@@ -359,7 +364,7 @@ impl<E: Evaluate> Search<'_, E> {
         while let Some(next) = self.backward(&steps[steps.len() - 1], &kept) {
             steps.push(next);
         }
-        steps
+        (steps, nearest)
     }
 
     /// Selection, rivals, and every effect alone and removed.
@@ -370,7 +375,7 @@ impl<E: Evaluate> Search<'_, E> {
     /// The same with a fit whose members other evidence has shown.
     pub(super) fn answer_with(&self, base: Fit, nominal: Vec<f64>, sure: Option<Fit>) -> Answer {
         let shown = sure.as_ref().map_or_else(Vec::new, |s| s.members.clone());
-        let mut steps = self.run(base, sure);
+        let (mut steps, nearest) = self.run(base, sure);
         // What other evidence has shown has no rivals.
         let own = |fit: &Fit, m: usize| {
             if shown.contains(&m) {
@@ -404,8 +409,14 @@ impl<E: Evaluate> Search<'_, E> {
                 self.fit(&theta, &[*m], self.limits.iterations),
             )
         };
-        let removed_alone = last.members.iter().map(alone).collect();
+        let removed_alone: Vec<(Fit, Fit)> = last.members.iter().map(alone).collect();
+        let strength = |(without, _): &(Fit, Fit)| {
+            (without.held_out - last.held_out) / self.threshold(without).max(1e-12)
+        };
         Answer {
+            strengths: removed_alone.iter().map(strength).collect(),
+            nearest,
+            pull: self.penalty(&last.members, &last.theta),
             candidates: self.candidates.to_vec(),
             rivals,
             removed_alone,
@@ -423,7 +434,8 @@ impl<E: Evaluate> Search<'_, E> {
         more <= 1.0 && fit.cost < part * other.cost
     }
 
-    fn forward(&self, base: &Fit, first: f64) -> Option<Fit> {
+    /// The next effect, if one is believed; and the gain over its threshold of the best that is not.
+    fn forward(&self, base: &Fit, first: f64) -> (Option<Fit>, f64) {
         let taken = |c: usize| {
             base.members.iter().any(|m| {
                 let (a, b) = (&self.candidates[*m], &self.candidates[c]);
@@ -438,6 +450,7 @@ impl<E: Evaluate> Search<'_, E> {
             .max(self.limits.of_first * first * f64::from(u8::from(!base.members.is_empty())));
         let mut seen = Vec::new();
         let mut best: Option<Fit> = None;
+        let mut nearest = 0.0f64;
         for (c, theta, screened) in self.screen(base, &open) {
             if seen.contains(&c)
                 || seen.len() >= self.limits.refined
@@ -449,13 +462,13 @@ impl<E: Evaluate> Search<'_, E> {
             let mut members = base.members.clone();
             members.push(c);
             let fit = self.fit(&self.scanned(&theta, c), &members, self.limits.iterations);
-            if self.believed(base, &fit, c, least)
-                && best.as_ref().is_none_or(|b| fit.held_out < b.held_out)
-            {
+            if !self.believed(base, &fit, c, least) {
+                nearest = nearest.max((base.held_out - fit.held_out) / least);
+            } else if best.as_ref().is_none_or(|b| fit.held_out < b.held_out) {
                 best = Some(fit);
             }
         }
-        best
+        (best, nearest)
     }
 
     /// For a candidate that is searched by starts: the best of a fine scan around `theta`.

@@ -86,6 +86,13 @@ pub(super) struct Sample {
     value: f64,
 }
 
+impl Sample {
+    /// Step of the simulation at or before it.
+    pub(super) fn step(&self) -> usize {
+        self.at.0
+    }
+}
+
 /// What a model leaves of the torque at one instant, with the motion there.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Left {
@@ -264,6 +271,11 @@ impl JointRun {
         let all = runs.iter().flat_map(|r| &r.strength).copied();
         let strongest: Vec<f64> = all.filter(near).collect();
         (strongest.len() >= 20).then(|| crate::math::median(&strongest))
+    }
+
+    /// Measured angle at each step, rad.
+    pub(super) fn path(&self) -> &[f64] {
+        &self.path
     }
 
     /// Number of steps.

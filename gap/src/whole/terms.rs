@@ -99,6 +99,12 @@ pub(super) struct Answer {
     pub(super) rivals: Vec<Vec<Rival>>,
     /// The last step without each of its members, and with that member alone.
     pub(super) removed_alone: Vec<(Fit, Fit)>,
+    /// Held-out gain of every member of the last step over the threshold that it had to pass.
+    pub(super) strengths: Vec<f64>,
+    /// The same of the best candidate that was not taken.
+    pub(super) nearest: f64,
+    /// Squared tolerances that nominal parameters moved in the last step.
+    pub(super) pull: f64,
     pub(super) limits: Limits,
     /// Coordinates of the nominal model.
     pub(super) nominal: Vec<f64>,

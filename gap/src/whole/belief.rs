@@ -1,0 +1,231 @@
+//! What to believe: the word of the verdict, and probabilities that sum to one.
+//!
+//! Every probability rests on how far its evidence stands from the threshold that it passed or missed, through logistic curves that
+//! were laid through emulated robots made for development (docs/diagnosis-whole.md).
+
+use super::answer::REMAINDER;
+use super::found::{self, Item};
+use super::{Parts, open, search};
+use crate::math;
+use crate::verdict::{Probabilities, Word};
+
+/// Share of the gap that must be explained for `explained`.
+const EXPLAINED: f64 = 0.8;
+/// Evidence, in thresholds, of a law that signals break and no effect of the library keeps.
+const BROKEN: f64 = 10.0;
+/// Evidence of a ground that changes, which is found or not found.
+const UNSTEADY: f64 = 3.0;
+
+/// Curves of the probability to be right over the evidence: value and slope at the threshold. An effect and an unknown over the logarithm of
+/// the evidence, `none` over the distance below the threshold.
+const EFFECT: [f64; 2] = [1.0, 1.0];
+const UNKNOWN: [f64; 2] = [1.0, 1.0];
+const NONE: [f64; 2] = [0.5, 3.0];
+/// Share of a wrong answer's probability that goes to `none`.
+const NOTHING: f64 = 0.15;
+
+/// Probabilities of nothing, of something unknown, and of every effect. They sum to one by construction.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Belief {
+    none: f64,
+    unknown: f64,
+    effects: Vec<f64>,
+}
+
+impl Belief {
+    /// Shares of the weights; without any it is something unknown.
+    fn new(none: f64, unknown: f64, effects: &[f64]) -> Self {
+        let clean = |x: f64| if x.is_finite() { x.max(0.0) } else { 0.0 };
+        let sum = clean(none) + clean(unknown) + effects.iter().map(|x| clean(*x)).sum::<f64>();
+        if sum <= 0.0 || !sum.is_finite() {
+            return Self {
+                none: 0.0,
+                unknown: 1.0,
+                effects: vec![0.0; effects.len()],
+            };
+        }
+        Self {
+            none: clean(none) / sum,
+            unknown: clean(unknown) / sum,
+            effects: effects.iter().map(|x| clean(*x) / sum).collect(),
+        }
+    }
+
+    pub(super) fn probabilities(&self) -> Probabilities {
+        Probabilities {
+            none: self.none,
+            unknown: self.unknown,
+        }
+    }
+
+    /// Probability of every item, in their order.
+    pub(super) fn effects(&self) -> &[f64] {
+        &self.effects
+    }
+}
+
+fn logistic(x: f64) -> f64 {
+    1.0 / (1.0 + libm::exp(-x))
+}
+
+fn curve(at: [f64; 2], x: f64) -> f64 {
+    logistic(at[0] + at[1] * x)
+}
+
+/// What speaks for and against a remainder.
+pub(super) struct Remainder {
+    /// Largest cost that a tier keeps.
+    worst: f64,
+    /// Share of all excess that was explained.
+    explained: f64,
+    /// Evidence that something follows a law that the library does not hold, in thresholds; 0 = none.
+    odd: f64,
+    /// Gain of the best effect that was not taken, over its threshold.
+    nearest: f64,
+}
+
+fn answers(d: &Parts) -> impl Iterator<Item = &search::Answer> {
+    let joints = d.joints.iter().map(|f| &f.answer);
+    joints
+        .chain(d.body.iter().map(|b| &b.answer))
+        .chain(d.camera.iter().map(|c| &c.answer))
+}
+
+/// Evidence of laws that the library does not hold, in thresholds.
+fn odd(d: &Parts) -> f64 {
+    let broken = d.conventions.echo.iter().any(|e| e.odd) || !found::nameless(d).is_empty();
+    let unsteady = d.body.as_ref().is_some_and(|b| b.unsteady);
+    let laws = d
+        .joints
+        .iter()
+        .filter(|f| f.odd)
+        .map(|f| (f.law / open::LAW).max(1.0));
+    let flags = [
+        if broken { BROKEN } else { 0.0 },
+        if unsteady { UNSTEADY } else { 0.0 },
+    ];
+    laws.chain(flags).fold(0.0, f64::max)
+}
+
+impl Remainder {
+    pub(super) fn new(d: &Parts) -> Self {
+        let excess = |cost: f64| (cost - 1.0).max(0.0);
+        let (mut worst, mut first, mut last, mut nearest) = (0.0f64, 0.0, 0.0, 0.0f64);
+        for a in answers(d) {
+            worst = worst.max(a.last().cost);
+            first += excess(math::mean(&a.nominal_groups));
+            last += excess(a.last().cost);
+            nearest = nearest.max(a.nearest);
+        }
+        let explained = if first > 0.0 { 1.0 - last / first } else { 1.0 };
+        // The least share explained of a joint that keeps a remainder.
+        let share = |a: &search::Answer| {
+            1.0 - excess(a.last().cost) / excess(math::mean(&a.nominal_groups)).max(1e-12)
+        };
+        let left = d.joints.iter().map(|f| &f.answer);
+        let least = left
+            .filter(|a| a.last().cost > REMAINDER)
+            .map(share)
+            .fold(1.0, f64::min);
+        Self {
+            worst,
+            explained: explained.min(least),
+            odd: odd(d),
+            nearest,
+        }
+    }
+
+    /// The word of the verdict.
+    pub(super) fn word(&self, items: &[Item]) -> Word {
+        let left = self.worst > REMAINDER || self.odd > 0.0;
+        let explained = self.explained >= EXPLAINED && self.odd == 0.0;
+        match (items.is_empty(), left) {
+            (true, false) => Word::None,
+            (true, true) => Word::Unknown,
+            (false, true) if !explained => Word::Unknown,
+            (false, true) => Word::PartlyExplained,
+            (false, false) if items.iter().all(|i| i.effect.is_base()) => Word::Parametric,
+            (false, false) => Word::Explained,
+        }
+    }
+
+    /// What to believe of `items` and of what they leave.
+    pub(super) fn belief(&self, word: Word, items: &[Item]) -> Belief {
+        let beyond = self.worst / REMAINDER;
+        let each = |i: &Item| curve(EFFECT, libm::log(i.strength.clamp(1.0, 100.0)));
+        let right: Vec<f64> = items.iter().map(each).collect();
+        let weights: Vec<f64> = items
+            .iter()
+            .zip(&right)
+            .map(|(i, p)| p * i.certainty())
+            .collect();
+        let sum: f64 = weights.iter().sum();
+        let shared = |whole: f64| -> Vec<f64> {
+            weights.iter().map(|w| whole * w / sum.max(1e-12)).collect()
+        };
+        match word {
+            Word::None => {
+                let room = 1.0 - self.nearest.max(beyond).clamp(0.0, 1.0);
+                let none = curve(NONE, room);
+                Belief::new(none, 1.0 - none, &[])
+            }
+            Word::Unknown => {
+                let unknown = curve(UNKNOWN, libm::log(beyond.max(self.odd).clamp(1.0, 100.0)));
+                let rest = 1.0 - unknown;
+                Belief::new(NOTHING * rest, unknown, &shared((1.0 - NOTHING) * rest))
+            }
+            _ => {
+                let wrong: f64 = right.iter().map(|p| 1.0 - p).product();
+                let open = (wrong + 0.4 * logistic(4.0 * (beyond - 1.5))).min(1.0);
+                Belief::new(NOTHING * open, (1.0 - NOTHING) * open, &shared(1.0 - open))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn probabilities_sum_to_one_whatever_the_weights() {
+        let odd = [0.0, 1.0, 0.88, 1e-300, 1e300, -1.0, f64::NAN, f64::INFINITY];
+        for none in odd {
+            for unknown in odd {
+                for count in 0..4 {
+                    let effects: Vec<f64> = (0..count).map(|i| odd[(i * 3 + 2) % 8]).collect();
+                    let b = Belief::new(none, unknown, &effects);
+                    let p = b.probabilities();
+                    let sum = p.none + p.unknown + b.effects().iter().sum::<f64>();
+                    assert!((sum - 1.0).abs() < 1e-12, "{none} {unknown} {effects:?}");
+                    assert_eq!(b.effects().len(), count);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_word_states_probabilities_that_sum_to_one() {
+        let words = [
+            Word::None,
+            Word::Unknown,
+            Word::PartlyExplained,
+            Word::Parametric,
+            Word::Explained,
+        ];
+        let mut rng = math::Rng::new(3);
+        for word in words {
+            for _ in 0..200 {
+                let r = Remainder {
+                    worst: 20.0 * rng.uniform(),
+                    explained: rng.uniform(),
+                    odd: 3.0 * rng.uniform(),
+                    nearest: rng.uniform(),
+                };
+                let b = r.belief(word, &[]);
+                let p = b.probabilities();
+                assert!((p.none + p.unknown - 1.0).abs() < 1e-12, "{word:?} {p:?}");
+            }
+        }
+    }
+}
