@@ -34,6 +34,7 @@ mod steady;
 mod terms;
 mod traffic;
 mod turn;
+mod unseen;
 mod windows;
 
 use std::sync::Arc;
@@ -212,12 +213,7 @@ pub fn diagnose(
         .as_ref()
         .map(|b| Arc::new(b.tier.params(&b.answer.last().theta)));
     let mut replayed = windows::cut(&data, 1.0, 0.9);
-    let loads = windows::replay(
-        &data,
-        &mut replayed,
-        found.as_ref().unwrap_or(&params),
-        servo::STEP_S,
-    );
+    let loads = loads::weighed(&data, &mut replayed, found.as_ref().unwrap_or(&params));
     let mut tiers: Vec<Tier> = (0..JOINTS)
         .filter_map(|k| Tier::new(&data, model, k, &fit_runs, &conventions, &loads))
         .collect();

@@ -158,11 +158,22 @@ fn a_permuted_joint_order_is_named_before_anything_else() {
         path: Box::new(move |s| s.iter().map(swap).collect()),
         ..Reality::default()
     };
-    let v = verdict(&Plan::default(), &reality);
-    assert_eq!(v.effects[0].effect, Effect::JointOrder, "{:?}", v.effects);
-    // 0 2 1 3 4 5 is number 24 in lexicographic order.
-    assert_eq!(v.effects[0].parameters["permutation"].value, 24.0);
-    assert_eq!(v.place[0].stage, "conventions");
+    for echo in [false, true] {
+        let plan = Plan {
+            echo,
+            ..Plan::default()
+        };
+        let v = verdict(&plan, &reality);
+        // What the drivers echo beside their own joints is read in the right order too: nothing else is at fault.
+        assert_eq!(v.effects.len(), 1, "{:?}", v.effects);
+        assert_eq!(v.effects[0].effect, Effect::JointOrder);
+        // 0 2 1 3 4 5 is number 24 in lexicographic order.
+        assert_eq!(v.effects[0].parameters["permutation"].value, 24.0);
+        assert_eq!(v.place[0].stage, "conventions");
+        assert_eq!(v.verdict, Word::Explained);
+        let p = v.probabilities.none + v.probabilities.unknown + v.effects[0].confidence;
+        assert!((p - 1.0).abs() < 1e-12, "{p}");
+    }
 }
 
 #[test]

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::belief::{Belief, Remainder};
 use super::found::{self, Item};
 use super::score::{JointRow, Metrics, Score, State, bootstrap, unit};
-use super::{Parts, Settings, conventions, places, search};
+use super::{Parts, Settings, conventions, places, search, unseen};
 use crate::math;
 use crate::verdict::*;
 use crate::vocabulary::Effect;
@@ -320,7 +320,7 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
         sentence: sentence(word, &gap, &effects, &place),
         partial: false,
         next_experiment: found::next(&ambiguous, word),
-        unseen: found::unseen(d, settings),
+        unseen: unseen::unseen(d, settings),
         pulled: BTreeMap::new(),
         gap,
         metrics,

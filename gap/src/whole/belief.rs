@@ -1,7 +1,7 @@
 //! What to believe: the word of the verdict, and probabilities that sum to one.
 //!
-//! Every probability rests on how far its evidence stands from the threshold that it passed or missed, through logistic curves that
-//! were laid through emulated robots made for development (docs/diagnosis-whole.md).
+//! Every probability rests on how far its evidence stands from the threshold that it passed or missed, through logistic curves. Their
+//! constants are chosen, not fitted: near a threshold two of three answers are right, far from it nearly all.
 
 use super::answer::REMAINDER;
 use super::found::{self, Item};
@@ -16,7 +16,7 @@ const BROKEN: f64 = 10.0;
 /// Evidence of a ground that changes, which is found or not found.
 const UNSTEADY: f64 = 3.0;
 
-/// Curves of the probability to be right over the evidence: value and slope at the threshold. An effect and an unknown over the logarithm of
+/// Curves of the probability to be right over the evidence: log odds and their slope at the threshold (chosen). An effect and an unknown over the logarithm of
 /// the evidence, `none` over the distance below the threshold.
 const EFFECT: [f64; 2] = [1.0, 1.0];
 const UNKNOWN: [f64; 2] = [1.0, 1.0];

@@ -247,12 +247,25 @@ impl Address {
         } else {
             0.0
         };
-        let all = changes(first.0, 10.0 * EXACT_RAD);
-        let spacing: Vec<f64> = all.windows(2).map(|w| w[1].0 - w[0].0).collect();
+        // Where a joint hardly moves, neighbouring set-points are printed alike: the run with most of them shows their rate.
+        let spacing = |p: &(&Track, &Track)| {
+            let all = changes(p.0, 0.0);
+            let gaps: Vec<f64> = all.windows(2).map(|w| w[1].0 - w[0].0).collect();
+            (gaps.len() >= 10).then(|| math::median(&gaps))
+        };
+        let row_s = first.1.period_s();
+        let spacing_s = pairs
+            .iter()
+            .filter_map(spacing)
+            .fold(f64::INFINITY, f64::min);
         Some(Self {
             step_rad,
-            row_s: first.1.period_s(),
-            spacing_s: math::median(&spacing).max(first.1.period_s()),
+            row_s,
+            spacing_s: if spacing_s.is_finite() {
+                spacing_s.max(row_s)
+            } else {
+                row_s
+            },
             length_s: data.runs.iter().map(|r| r.length_s).fold(0.0, f64::max),
             runs: pairs.iter().map(|p| follow(p.0, p.1, step_rad)).collect(),
         })
@@ -348,7 +361,7 @@ impl Address {
         let spread = constant.stray > (few * arrived).max(8.0);
         let mut unseen = 0.0;
         if spread {
-            let (sigma, delay, played, gain) = jitter(&rows, self.spacing_s, self.row_s);
+            let (sigma, delay, played, gain) = jitter(&rows, lost, self.spacing_s, self.row_s);
             unseen = played.unseen;
             let half = 1.96 * sigma / (2.0 * arrived).sqrt() + 0.03 * sigma;
             if sigma > 0.0 && gain > CLEAR {

@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 
+use super::Parts;
 use super::answer::permutation;
 use super::body::{self, B};
 use super::camera::C;
 use super::search::{Answer, Fit};
 use super::servo::{J, Nominal};
-use super::{Parts, Settings};
 use crate::math;
-use crate::verdict::{Ambiguous, Estimate, NextExperiment, Unseen, Word};
+use crate::verdict::{Ambiguous, Estimate, NextExperiment, Word};
 use crate::vocabulary::Effect;
 
 /// Where an item lives.
@@ -118,6 +118,11 @@ fn joint_parameters<'a>(
             ("static_nm", get(J::Static)),
             ("velocity_rad_s", get(J::StribeckSpeed)),
         ],
+        Effect::DampingGain => vec![(
+            "ratio",
+            Box::new(|t: &[f64]| t[J::Viscous as usize] / n.damping_nm_s_rad.max(1e-6)),
+        )],
+        Effect::GravityLoad => vec![("ratio", Box::new(|t: &[f64]| 1.0 + t[J::Gravity as usize]))],
         Effect::LoadDependentFriction => vec![("fraction", get(J::LoadShare))],
         Effect::AsymmetricFriction => {
             vec![
@@ -131,7 +136,10 @@ fn joint_parameters<'a>(
                 "amplitude_nm",
                 Box::new(|t: &[f64]| t[J::RippleSin as usize].hypot(t[J::RippleCos as usize])),
             ),
-            ("periods", get(J::RipplePeriods)),
+            (
+                "periods",
+                Box::new(|t: &[f64]| t[J::RipplePeriods as usize].round()),
+            ),
             (
                 "phase_rad",
                 Box::new(|t: &[f64]| {
@@ -437,7 +445,9 @@ fn conventions(d: &Parts) -> Vec<Item> {
 /// What would separate a class.
 pub(super) fn separate_by(effects: &[Effect]) -> &'static str {
     let has = |e: Effect| effects.contains(&e);
-    if has(Effect::Latency)
+    if has(Effect::DampingGain) {
+        "turn the joint by hand with its driver off: friction stays, the driver's damping goes"
+    } else if has(Effect::Latency)
         || has(Effect::LoopGain)
         || has(Effect::FeedbackDelay)
         || has(Effect::MotorLag)
@@ -483,73 +493,4 @@ pub(super) fn next(classes: &[Ambiguous], word: Word) -> Option<NextExperiment> 
         ),
         _ => None,
     }
-}
-
-/// Whether the signals tell of `e` without a fit: what was read off them and not found is not there.
-fn read_off(d: &Parts, e: Effect) -> bool {
-    let mut joints = d.data.runs.iter().flat_map(|r| &r.joints);
-    match e {
-        Effect::Latency
-        | Effect::Jitter
-        | Effect::PacketLoss
-        | Effect::Quantisation
-        | Effect::ClockSkew => joints.any(|j| j.applied.is_some()),
-        Effect::MotorConstant | Effect::WindingResistance => {
-            joints.any(|j| j.current.is_some() && j.duty.is_some())
-        }
-        Effect::SupplyVoltage | Effect::SupplySag => d.data.runs.iter().any(|r| r.bus_v.is_some()),
-        _ => false,
-    }
-}
-
-/// Effects that these signals could not show.
-pub(super) fn unseen(d: &Parts, settings: &Settings) -> Vec<Unseen> {
-    let torque = d.joints.iter().any(|f| f.tier.torque);
-    let found = items(d);
-    let mut out = Vec::new();
-    for e in Effect::ALL
-        .iter()
-        .filter(|e| !settings.withhold.contains(e))
-    {
-        if found.iter().any(|i| i.effect == *e) {
-            continue;
-        }
-        let known = d
-            .joints
-            .iter()
-            .map(|f| &f.answer)
-            .chain(d.body.iter().map(|b| &b.answer))
-            .chain(d.camera.iter().map(|c| &c.answer))
-            .any(|a| a.candidates.iter().any(|c| c.effect == *e));
-        let why = match e {
-            Effect::JointOrder | Effect::JointSign => continue,
-            Effect::CoulombFriction
-            | Effect::ViscousFriction
-            | Effect::StribeckFriction
-            | Effect::LoadDependentFriction
-            | Effect::AsymmetricFriction
-            | Effect::QuadraticFriction
-            | Effect::TorqueRipple
-                if !torque =>
-            {
-                "a servo that is strong enough hides it; record effort_nm or current_a"
-            }
-            _ if known || read_off(d, *e) => continue,
-            Effect::GravityLoad | Effect::Inertia => {
-                "on the ground several contacts share a joint's load; a bench run of that joint shows it"
-            }
-            Effect::Mass => {
-                "the same mass everywhere moves the robot the same way; needs effort_nm"
-            }
-            _ if d.body.is_none() && e.stage() == crate::vocabulary::Stage::Body => {
-                "no run has the base pose and all six positions"
-            }
-            _ => "no signal of this data set shows it, or the model holds no nominal value for it",
-        };
-        out.push(Unseen {
-            effect: *e,
-            why: why.into(),
-        });
-    }
-    out
 }

@@ -15,6 +15,10 @@ use crate::vocabulary::Effect;
 const DROOP: f64 = 0.05;
 /// Set-point timing that recordings leave open, s (1 sigma).
 pub(super) const TIMING_S: f64 = 0.002;
+/// Most periods per turn of a torque ripple that are tried: the slots of a motor act at the gear's ratio times as many, too fast for rows of
+/// a recording.
+const PERIODS: u32 = 24;
+
 fn coordinate(neutral: f64, sigma: f64, step: f64, range: [f64; 2]) -> Coordinate {
     Coordinate {
         neutral,
@@ -91,6 +95,7 @@ pub(super) fn coordinates(model: &Model, k: usize, applied: bool, ampere: bool) 
     set(J::RipplePeriods, coordinate(1.0, 0.0, 0.02, [0.2, 500.0]));
     // Several contacts share a load in more than one way, so a replayed load is a guess of its share.
     set(J::Load, coordinate(1.0, 0.3, 0.03, [-5.0, 20.0]));
+    set(J::Gravity, coordinate(0.0, 0.0, 0.05, [-3.0, 5.0]));
     set(J::Play, coordinate(0.0, 0.0, 0.001, [0.0, 1.0]));
     set(J::Flex, coordinate(0.0, 0.0, 0.001, [0.0, 10.0]));
     // Motor constants of one type vary by some per cent; see `direct` for larger differences.
@@ -168,6 +173,9 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
         one(Effect::CurrentLimit, k, J::MaxTorque, &grid(0.06, 1.12, 24)),
         one(Effect::CoulombFriction, k, J::Coulomb, &[0.1, 0.4, 1.0]),
         one(Effect::ViscousFriction, k, J::Viscous, &[0.2, 0.6, 1.5]),
+        // The servo's own damping is a torque per speed too; a robot at work does not tell the two apart.
+        one(Effect::DampingGain, k, J::Viscous, &[0.2, 0.6, 1.5]),
+        one(Effect::GravityLoad, k, J::Gravity, &[-0.5, 0.5]),
         one(Effect::LoadDependentFriction, k, J::LoadShare, &[0.1, 0.3]),
         one(Effect::QuadraticFriction, k, J::Quadratic, &[0.2, 1.0]),
         many(
@@ -184,9 +192,7 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
         ),
     ];
     let mut ripple = Vec::new();
-    for periods in [
-        1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 24.0,
-    ] {
+    for periods in (1..=PERIODS).map(f64::from) {
         ripple.push(vec![0.15, 0.0, periods]);
         ripple.push(vec![0.0, 0.15, periods]);
     }

@@ -7,7 +7,7 @@ use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::joint_library::{TIMING_S, candidates, coordinates};
 use super::search::{Answer, Coordinate, Evaluate, Fit, Limits, Search};
-use super::servo::{self, J, JointRun, Nominal, Trace};
+use super::servo::{self, J, JointRun, Load, Nominal, Trace};
 use super::{open, regime};
 use crate::math;
 use crate::vocabulary::{Effect, Stage};
@@ -71,17 +71,29 @@ pub(super) fn damping_nm_s(model: &Model) -> [f64; JOINTS] {
 }
 
 pub(super) fn nominal(model: &Model, k: usize) -> Nominal {
-    let [speed, torque, gain] = if INTER.contains(&k) {
-        [Key::InterSpeed, Key::InterTorque, Key::InterGain]
+    let keys = if INTER.contains(&k) {
+        [
+            Key::InterSpeed,
+            Key::InterTorque,
+            Key::InterGain,
+            Key::InterDamping,
+        ]
     } else {
-        [Key::IntraSpeed, Key::IntraTorque, Key::IntraGain]
-    }
-    .map(|key| model.value(key));
+        [
+            Key::IntraSpeed,
+            Key::IntraTorque,
+            Key::IntraGain,
+            Key::IntraDamping,
+        ]
+    };
+    let [speed, torque, gain, damping] = keys.map(|key| model.value(key));
     Nominal {
         gain_per_s: gain,
+        gain_tolerance: model.parameter(keys[2]).tolerance / gain.max(1e-9),
         max_speed_rad_s: speed,
         max_torque_nm: torque,
         no_load_rad_s: f64::INFINITY,
+        damping_nm_s_rad: damping,
         nm_per_a: nm_per_a(k),
     }
 }
@@ -99,7 +111,7 @@ pub(super) fn prepare(
     k: usize,
     conventions: &Conventions,
     nominal: &Nominal,
-    load: &[f64],
+    load: &Load,
 ) -> Option<JointRun> {
     let tracks = &run.joints[k];
     let sent = run.joints[conventions.order[k]].command.as_ref();
@@ -115,7 +127,7 @@ pub(super) fn prepare(
         position,
         tracks.link.as_ref(),
         effort,
-        load.to_vec(),
+        load.clone(),
     ))
 }
 
@@ -180,7 +192,7 @@ fn chosen(
     fit: &[usize],
     conventions: &Conventions,
     nominal: &Nominal,
-    loads: &[[Vec<f64>; JOINTS]],
+    loads: &[[Load; JOINTS]],
 ) -> (Vec<JointRun>, Vec<usize>, usize) {
     let total: f64 = fit.iter().map(|r| data.runs[*r].length_s).sum();
     let thin = (total / FIT_S).ceil().max(1.0) as usize;
@@ -215,7 +227,7 @@ impl Tier {
         k: usize,
         fit: &[usize],
         conventions: &Conventions,
-        loads: &[[Vec<f64>; JOINTS]],
+        loads: &[[Load; JOINTS]],
     ) -> Option<Self> {
         let nominal = Nominal {
             no_load_rad_s: conventions.no_load_rad_s[k],
@@ -398,7 +410,7 @@ fn limits(tier: &Tier) -> Limits {
         independent: (2.0 * seconds).clamp(10.0, 1000.0),
         most: 4,
         beyond: 3.0,
-        refined: 6,
+        refined: 8,
         iterations: 8,
         rough: false,
     }

@@ -7,12 +7,14 @@
 use std::sync::Arc;
 
 use files::model::{Key, Model};
+use physics::Params;
 
 use super::conventions::Conventions;
-use super::data::Data;
+use super::data::{Data, JOINTS};
 use super::direct::{Reading, exact, mass};
 use super::joints::{Found, Tier};
 use super::search::Evaluate;
+use super::servo::Load;
 use super::windows::Window;
 use super::{body, least, servo, windows};
 use crate::math;
@@ -50,7 +52,7 @@ impl Replay<'_> {
     /// Median over the joints of measured over replayed load, with the ground's friction times `scale`.
     fn ratios(&self, found: &body::Found, windows: &mut [Window], scale: f64) -> Vec<f64> {
         let params = Arc::new(found.tier.params(&scaled(found, scale)));
-        let loads = windows::replay(self.data, windows, &params, servo::STEP_S);
+        let loads = replay(self.data, windows, &params);
         let one = |f: &Found| {
             let k = f.tier.joint;
             let tier = Tier::new(
@@ -109,6 +111,41 @@ impl Replay<'_> {
         }
         friction(self.model, found, scale)
     }
+}
+
+/// Loads of all joints by run.
+pub(super) fn replay(
+    data: &Data,
+    windows: &mut [Window],
+    params: &Arc<Params>,
+) -> Vec<[Load; JOINTS]> {
+    let plain = |nm: [Vec<f64>; JOINTS]| {
+        nm.map(|nm| Load {
+            nm,
+            gravity_nm: Vec::new(),
+        })
+    };
+    let all = windows::replay(data, windows, params, servo::STEP_S);
+    all.into_iter().map(plain).collect()
+}
+
+/// The same with the part of each that balances the weight of the joint's distal side: what the loads grow by where every joint bears that
+/// weight twice.
+pub(super) fn weighed(
+    data: &Data,
+    windows: &mut [Window],
+    params: &Arc<Params>,
+) -> Vec<[Load; JOINTS]> {
+    let mut out = replay(data, windows, params);
+    let mut heavy = Params::clone(params);
+    heavy.joints.iter_mut().for_each(|j| j.gravity_ratio += 1.0);
+    let twice = windows::replay(data, windows, &Arc::new(heavy), servo::STEP_S);
+    for (run, heavy) in out.iter_mut().zip(twice) {
+        for (load, heavy) in run.iter_mut().zip(heavy) {
+            load.gravity_nm = heavy.iter().zip(&load.nm).map(|(a, b)| a - b).collect();
+        }
+    }
+    out
 }
 
 /// Coordinates of the body with the friction times `scale`.

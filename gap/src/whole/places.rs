@@ -1,7 +1,7 @@
 //! Where the gap is: shares by stage, joint and regime.
 //!
 //! Shares are shares of squared tolerances. What an effect gains counts by the tolerances of the measurement, what the calibration of a
-//! nominal parameter gains by the tolerances that the parameter moves: a precise encoder makes no large gap of a gain that is known to
+//! nominal parameter gains by what the tolerances that the parameter moves cost in the same fit: a precise encoder makes no large gap of a gain that is known to
 //! some per cent only.
 
 use std::collections::BTreeMap;
@@ -105,6 +105,9 @@ fn costs(d: &Parts, items: &[Item]) -> BTreeMap<Key, Vec<f64>> {
             (None, None)
         };
         add(key, &f.left);
+        if f.odd {
+            add(key, &vec![ODD; groups]);
+        }
     }
     let odd: Vec<usize> = (0..6).filter(|k| d.conventions.echo[*k].odd).collect();
     // What all joints show is not theirs.

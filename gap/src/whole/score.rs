@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::data::{Data, JOINTS};
 use super::echo::Echo;
-use super::servo::{self, J, JointRun, Nominal, Trace};
+use super::servo::{self, J, JointRun, Load, Nominal, Trace};
 use super::{body, camera, joints};
 use crate::math;
 
@@ -80,7 +80,7 @@ impl Score {
         body: Option<body::Tier>,
         runs: &[usize],
         conventions: &super::Conventions,
-        loads: &[[Vec<f64>; JOINTS]],
+        loads: &[[Load; JOINTS]],
     ) -> Self {
         let plain = super::Conventions {
             order: std::array::from_fn(|k| k),

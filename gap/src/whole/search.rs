@@ -10,6 +10,9 @@ pub(super) use super::terms::{Answer, Candidate, Coordinate, Evaluate, Fit, Limi
 /// A candidate with more starts than this is searched by its starts alone.
 const DENSE: usize = 20;
 
+/// Slope squared below which a residual does not depend on a number.
+const FLAT: f64 = 1e-12;
+
 /// The search.
 pub(super) struct Search<'a, E: Evaluate> {
     pub(super) model: &'a E,
@@ -252,7 +255,10 @@ impl<E: Evaluate> Search<'_, E> {
             unit[j] = 1.0;
             let inverse = solve(&a, &unit)[j];
             let scale = cost.max(self.limits.floor) * groups / self.limits.independent;
-            deviation[*i] = (inverse * scale).max(0.0).sqrt();
+            // A number without a slope (one that is counted) is as it is.
+            if a[j * n + j] > FLAT {
+                deviation[*i] = (inverse * scale).max(0.0).sqrt();
+            }
         }
         Fit {
             theta,
@@ -416,7 +422,7 @@ impl<E: Evaluate> Search<'_, E> {
         Answer {
             strengths: removed_alone.iter().map(strength).collect(),
             nearest,
-            pull: self.penalty(&last.members, &last.theta),
+            pull: self.prior_weight(last.cost) * self.penalty(&last.members, &last.theta),
             candidates: self.candidates.to_vec(),
             rivals,
             removed_alone,

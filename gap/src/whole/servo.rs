@@ -46,6 +46,7 @@ coordinates! {
     RippleCos, "N m";
     RipplePeriods, "per turn";
     Load, "ratio of the replayed load";
+    Gravity, "gravity load of this joint over that of its model, less one";
     Play, "half play between encoder and link, rad";
     Flex, "twist between encoder and link, rad per N m";
     PerAmpere, "ratio to the nominal torque per current";
@@ -55,7 +56,7 @@ coordinates! {
 pub(super) const STEP_S: f64 = 0.005;
 /// Inertia that regularises the torque limit, kg m2: that of one half-sphere about its cube's centre is 6.6e-4, of half the
 /// robot about a joint 0.02; the replayed load already holds the true one.
-const INERTIA_KG_M2: f64 = 0.01;
+pub(super) const INERTIA_KG_M2: f64 = 0.01;
 /// Change of load per angle off the measured path once the motor is at its limit, N m/rad. Gravity alone gives 2 (half the
 /// robot on a lever of 0.15 m); a replayed load is wrong by some tenths of a newton metre, and a motor at its limit would
 /// run away on them.
@@ -68,10 +69,14 @@ const PLAY_LOAD_NM: f64 = 0.02;
 pub(super) struct Nominal {
     /// P, 1/s.
     pub(super) gain_per_s: f64,
+    /// Tolerance of P as a share of it.
+    pub(super) gain_tolerance: f64,
     /// Speed limit, rad/s.
     pub(super) max_speed_rad_s: f64,
     /// Torque limit, N m.
     pub(super) max_torque_nm: f64,
+    /// Joint damping, N m s/rad.
+    pub(super) damping_nm_s_rad: f64,
     /// Speed at which no voltage is left for torque, rad/s.
     pub(super) no_load_rad_s: f64,
     /// Torque per current at the output, N m/A.
@@ -105,6 +110,22 @@ pub(super) struct Left {
     pub(super) stops_rad: Vec<f64>,
 }
 
+/// Load of one joint in one run, on the grid of steps.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Load {
+    /// What the body needs along the measured motion, N m.
+    pub(super) nm: Vec<f64>,
+    /// The part of it that balances the weight of the joint's distal side, N m; empty = not known.
+    pub(super) gravity_nm: Vec<f64>,
+}
+
+impl Load {
+    fn at(&self, step: usize, p: &[f64]) -> f64 {
+        let get = |v: &[f64]| v.get(step).copied().unwrap_or(0.0);
+        p[J::Load as usize] * get(&self.nm) + p[J::Gravity as usize] * get(&self.gravity_nm)
+    }
+}
+
 /// One run of one joint, prepared.
 #[derive(Debug, Clone)]
 pub(super) struct JointRun {
@@ -112,8 +133,8 @@ pub(super) struct JointRun {
     events: Vec<[f64; 3]>,
     steps: usize,
     start: [f64; 2],
-    /// Replayed load at each step, N m.
-    load: Vec<f64>,
+    /// Replayed load at each step.
+    load: Load,
     /// What twists the transmission at each step: the measured torque, else the replayed load, N m.
     twisting: Vec<f64>,
     /// Measured angle at each step.
@@ -157,13 +178,13 @@ fn averaged(track: &Track) -> Track {
 }
 
 impl JointRun {
-    /// Prepares a run; `None` without set-points or positions. `load` is on the grid of steps.
+    /// Prepares a run.
     pub(super) fn new(
         command: &Track,
         position: &Track,
         link: Option<&Track>,
         effort: Option<&Track>,
-        load: Vec<f64>,
+        load: Load,
     ) -> Self {
         let end = position.t_s[position.t_s.len() - 1];
         let steps = (end / STEP_S) as usize + 2;
@@ -189,7 +210,7 @@ impl JointRun {
         let effort = effort.map(averaged);
         let twisting = match &effort {
             Some(e) => (0..steps).map(|i| e.at(i as f64 * STEP_S)).collect(),
-            None => load.clone(),
+            None => load.nm.clone(),
         };
         Self {
             strength,
@@ -222,7 +243,7 @@ impl JointRun {
     ) -> impl Iterator<Item = (f64, f64, f64)> + 'a {
         self.effort
             .iter()
-            .map(|s| (s.value, at(&trace.effort, s), at(&self.load, s)))
+            .map(|s| (s.value, at(&trace.effort, s), at(&self.load.nm, s)))
     }
 
     /// What is left at every torque sample, with what may explain it; `widths_rad` are those of the stop operators.
@@ -244,7 +265,7 @@ impl JointRun {
                     angle_rad: *q,
                     speed_rad_s: (self.path[to] - self.path[from])
                         / ((to - from).max(1) as f64 * STEP_S),
-                    load_nm: at(&self.load, s),
+                    load_nm: at(&self.load.nm, s),
                     stops_rad: stops.clone(),
                 });
             }
@@ -257,6 +278,30 @@ impl JointRun {
         let one =
             |s: &Sample| at(&trace.position, s) + at(&trace.twist, s) - at(&self.path, s) - s.value;
         self.twist.iter().map(one).collect()
+    }
+
+    /// Largest measured torque but for rare blows, N m; `None` without torque.
+    pub(super) fn strongest_nm(&self) -> Option<f64> {
+        (!self.strength.is_empty()).then(|| crate::math::quantile(&self.strength, 0.99))
+    }
+
+    /// Root mean square of the torque that the weight of the joint's distal side takes, N m; 0 where it is not known.
+    pub(super) fn weight_nm(&self) -> f64 {
+        crate::math::rms(&self.load.gravity_nm)
+    }
+
+    /// Root mean square of the measured angle's acceleration, rad/s2.
+    pub(super) fn acceleration_rad_s2(&self) -> f64 {
+        // Over 0.1 s to either side: the resolution of an encoder must not count.
+        const APART: usize = (0.1 / STEP_S) as usize;
+        let bend = |i: usize| {
+            let d = self.path[i + 2 * APART] - 2.0 * self.path[i + APART] + self.path[i];
+            d / (APART as f64 * STEP_S).powi(2)
+        };
+        let all: Vec<f64> = (0..self.path.len().saturating_sub(2 * APART))
+            .map(bend)
+            .collect();
+        crate::math::rms(&all)
     }
 
     /// The torque that a limited motor stays at, N m: the middle of the strongest samples; `None` without torque.
@@ -396,9 +441,10 @@ pub(super) fn simulate(run: &JointRun, nominal: &Nominal, p: &[f64], out: &mut T
         // Half a step of the loop's own answer makes the explicit law second order.
         let v_star = (gain * e / (1.0 + 0.5 * gain * h)).clamp(-vmax, vmax);
         wanted += blend * (v_star - wanted);
-        let mut load = get(J::Load) * run.load.get(i).copied().unwrap_or(0.0);
+        let mut load = run.load.at(i, p);
         if ripple {
-            let (s, c) = libm::sincos(get(J::RipplePeriods) * q);
+            // Torque that repeats with the turn has a whole number of periods in it.
+            let (s, c) = libm::sincos(get(J::RipplePeriods).round() * q);
             load -= get(J::RippleSin) * s + get(J::RippleCos) * c;
         }
         let (speed, torque) = drive(

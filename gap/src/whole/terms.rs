@@ -103,7 +103,7 @@ pub(super) struct Answer {
     pub(super) strengths: Vec<f64>,
     /// The same of the best candidate that was not taken.
     pub(super) nearest: f64,
-    /// Squared tolerances that nominal parameters moved in the last step.
+    /// What the tolerances that nominal parameters moved in the last step cost, in squared tolerances per sample.
     pub(super) pull: f64,
     pub(super) limits: Limits,
     /// Coordinates of the nominal model.

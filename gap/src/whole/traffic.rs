@@ -4,6 +4,8 @@ use crate::math;
 
 /// Log-likelihood that jitter must gain over a constant delay.
 pub(super) const CLEAR: f64 = 12.0;
+/// Share of set-points that vanish or stray now and then on any way.
+const STRAY: f64 = 1e-3;
 /// Rows that a delay may span.
 pub(super) const BINS: usize = 24;
 
@@ -59,17 +61,31 @@ fn play(t: &Traffic, normals: &[f64]) -> Played {
     out
 }
 
-/// Log-likelihood of the delays `rows` counts.
-fn likelihood(rows: &[f64; BINS], p: &Played) -> f64 {
-    // A stray arrival must not decide: a thousandth of them may be anywhere.
-    rows.iter()
+/// Log-likelihood of the delays that `rows` counts and of `lost` set-points that no row saw. Those that the traffic does not hide were lost on
+/// the way, which is one cause more.
+fn likelihood(rows: &[f64; BINS], lost: f64, p: &Played) -> f64 {
+    // A stray arrival must not decide: some may be anywhere.
+    let delays: f64 = rows
+        .iter()
         .zip(&p.rows)
-        .map(|(n, p)| n * libm::log(p + 1e-3 / BINS as f64))
-        .sum()
+        .map(|(n, p)| n * libm::log(p + STRAY / BINS as f64))
+        .sum();
+    let arrived: f64 = rows.iter().sum();
+    let hidden = |share: f64| {
+        let share = share.clamp(STRAY, 1.0 - STRAY);
+        lost * libm::log(share) + arrived * libm::log(1.0 - share)
+    };
+    let own = (lost / (lost + arrived).max(1.0)).max(p.unseen);
+    delays + hidden(p.unseen).max(hidden(own) - CLEAR)
 }
 
 /// Jitter, delay and unseen share that make the delays most likely; log-likelihood gained over a delay alone.
-pub(super) fn jitter(rows: &[f64; BINS], spacing_s: f64, row_s: f64) -> (f64, f64, Played, f64) {
+pub(super) fn jitter(
+    rows: &[f64; BINS],
+    lost: f64,
+    spacing_s: f64,
+    row_s: f64,
+) -> (f64, f64, Played, f64) {
     // Played traffic must be smoother than the counted one: with 2000 packets the size came out 8 % off.
     const PACKETS: usize = 8000;
     let mut rng = math::Rng::new(1);
@@ -85,7 +101,7 @@ pub(super) fn jitter(rows: &[f64; BINS], spacing_s: f64, row_s: f64) -> (f64, f6
             },
             &normals,
         );
-        (sigma_s, delay_s, p, likelihood(rows, &p))
+        (sigma_s, delay_s, p, likelihood(rows, lost, &p))
     };
     let better = |a: (f64, f64, Played, f64), b: (f64, f64, Played, f64), by: f64| {
         if b.3 > a.3 + by { b } else { a }
@@ -140,7 +156,9 @@ mod tests {
             queue: true,
         };
         let truth = play(&traffic, &normals);
-        let (sigma, delay, played, gain) = jitter(&truth.rows.map(|r| 4000.0 * r), 0.05, 0.025);
+        let seen = 4000.0 * (1.0 - truth.unseen);
+        let rows = truth.rows.map(|r| seen * r);
+        let (sigma, delay, played, gain) = jitter(&rows, 4000.0 - seen, 0.05, 0.025);
         assert!(
             (sigma / 0.04 - 1.0).abs() < 0.08 && delay == 0.0,
             "{sigma} {delay}"

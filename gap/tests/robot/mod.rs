@@ -26,6 +26,8 @@ pub(crate) struct Plan {
     pub(crate) effort: bool,
     /// Link angle columns.
     pub(crate) link: bool,
+    /// Columns of the set-points as each joint's driver echoes them.
+    pub(crate) echo: bool,
 }
 
 impl Default for Plan {
@@ -38,6 +40,7 @@ impl Default for Plan {
             base: true,
             effort: true,
             link: false,
+            echo: false,
         }
     }
 }
@@ -121,10 +124,18 @@ fn jittered(reality: &Reality, seed: u64) -> Model {
 }
 
 /// Simulates and writes the CSV of one run.
-fn csv(plan: &Plan, sent: &[[f64; 6]], outcome: &physics::Outcome, rng: &mut Rng) -> String {
+fn csv(
+    plan: &Plan,
+    [sent, reached]: [&[[f64; 6]]; 2],
+    outcome: &physics::Outcome,
+    rng: &mut Rng,
+) -> String {
     let mut s = String::from("t_s");
     for k in 0..6 {
         let _ = write!(s, ",setpoint_rad_{k},position_rad_{k}");
+        if plan.echo {
+            let _ = write!(s, ",applied_setpoint_rad_{k}");
+        }
         if plan.effort {
             let _ = write!(s, ",effort_nm_{k}");
         }
@@ -145,6 +156,9 @@ fn csv(plan: &Plan, sent: &[[f64; 6]], outcome: &physics::Outcome, rng: &mut Rng
             let at = i * 6 + k;
             let q = f64::from(outcome.encoders_rad[at]) + 2e-4 * rng.normal();
             let _ = write!(s, ",{sent:.6},{q:.4}");
+            if plan.echo {
+                let _ = write!(s, ",{:.6}", reached[tick][k]);
+            }
             if plan.effort {
                 let tau = f64::from(outcome.torques_nm[at]) + 0.03 * rng.normal();
                 let _ = write!(s, ",{tau:.3}");
@@ -224,7 +238,8 @@ pub(crate) fn record(plan: &Plan, reality: &Reality) -> (Manifest, Vec<Recording
         .iter()
         .zip(&sent)
         .map(|(o, s)| {
-            Recording::parse("run.csv", &csv(plan, s, o, &mut rng), &manifest)
+            let reached = (reality.path)(s);
+            Recording::parse("run.csv", &csv(plan, [s, &reached], o, &mut rng), &manifest)
                 .expect("valid")
                 .0
         })
