@@ -7,11 +7,11 @@ use std::collections::BTreeMap;
 
 use files::dataset::{Manifest, Recording, Role};
 
-use crate::candidates::{self, Scales};
+use crate::candidates::{self, Candidate, Scales};
 use crate::experiment::Experiment;
 use crate::fit::{Model, Objective};
 use crate::floor::{self, Floor};
-use crate::joint::{Params, Problem};
+use crate::joint::{P, Params, Problem};
 use crate::select::{Options, Search, Selection, Watch};
 use crate::verdict::Verdict;
 use crate::vocabulary::Effect;
@@ -210,12 +210,7 @@ pub fn diagnose_watched(
         return Err(DiagnoseError::NoFitRuns { joint });
     }
     let floor = floor::floor(&problem);
-    let seconds: f64 = fit_runs
-        .iter()
-        .map(|r| problem.runs[*r].steps as f64 * problem.dt_s)
-        .sum();
-    // Model errors of a joint are alike for about half a second; beyond a thousand samples priors hardly matter.
-    let independent = (2.0 * seconds).clamp(10.0, 1000.0);
+    let independent = independent(&problem, &fit_runs);
     let free = candidates::nominal(&problem);
     let unknown = free.iter().any(|f| f.tolerance.is_none());
     let k = problem.known;
@@ -229,26 +224,15 @@ pub fn diagnose_watched(
         robust: floor.repeat.is_some(),
     };
     let floor_cost = floor.cost(mean_count(&merged));
-    let unfitted: Vec<crate::joint::P> = (free.iter().filter(|f| f.tolerance.is_none()))
+    let unfitted: Vec<P> = (free.iter().filter(|f| f.tolerance.is_none()))
         .map(|f| f.p)
         .collect();
     let (nominal, calibrated) = match settings.baseline {
-        Some(params) => (
-            params,
-            Model {
-                params,
-                free: Vec::new(),
-            },
-        ),
+        Some(params) => (params, fixed(params)),
         None => calibrate::calibrate(&objective, free, independent, floor_cost, settings.seed),
     };
     let scales = candidates::scales(&problem, &calibrated.params);
-    let mut library = candidates::library(&problem, &scales);
-    library.retain(|c| !settings.withhold.contains(&c.effect));
-    if settings.baseline.is_some() {
-        // What the data set leaves unknown was fitted by the baseline; it is no effect then, as it would be none without one.
-        library.retain(|c| c.free.iter().all(|f| !unfitted.contains(&f.p)));
-    }
+    let library = library(&problem, &scales, settings, &unfitted);
     let options = Options {
         thorough: unknown && settings.baseline.is_none(),
         ..settings.options
@@ -293,6 +277,38 @@ pub fn diagnose_watched(
         answer::propose(&mut out, &search);
     }
     Ok(out)
+}
+
+/// Independent samples in the runs that are fitted.
+fn independent(problem: &Problem, runs: &[usize]) -> f64 {
+    let steps = runs.iter().map(|r| problem.runs[*r].steps as f64);
+    let seconds = steps.map(|n| n * problem.dt_s).sum::<f64>();
+    // Model errors of a joint are alike for about half a second; beyond a thousand samples priors hardly matter.
+    (2.0 * seconds).clamp(10.0, 1000.0)
+}
+
+/// A model of which nothing may move.
+fn fixed(params: Params) -> Model {
+    Model {
+        params,
+        free: Vec::new(),
+    }
+}
+
+/// The effects that may be found.
+fn library(
+    problem: &Problem,
+    scales: &Scales,
+    settings: &Settings,
+    unfitted: &[P],
+) -> Vec<Candidate> {
+    let mut out = candidates::library(problem, scales);
+    out.retain(|c| !settings.withhold.contains(&c.effect));
+    if settings.baseline.is_some() {
+        // What the data set leaves unknown was fitted by the baseline; it is no effect then, as it would be none without one.
+        out.retain(|c| c.free.iter().all(|f| !unfitted.contains(&f.p)));
+    }
+    out
 }
 
 /// Score runs that are not fitted.

@@ -129,7 +129,8 @@ def case(seed, k):
     out.gaits, out.repeats, out.seconds = motions, 2, 8.0
     out.size = 0.7 if c["output"] == "effort" else 1.0
     out.disturbance = 0.001 * p["stall"]
-    out.setpoint_hz = float(rng.choice((20.0, 50.0, 100.0)))
+    # A set-point that falls between two rows would not be in the file.
+    out.setpoint_hz = min(rate, float(rng.choice((20.0, 50.0, 100.0))))
     out.tolerance = float(rng.choice((0.02, 0.05)))
     if chosen == ("position",) and truth == ("deadband",):
         out.truth = dead

@@ -4,17 +4,30 @@ use files::dataset::{Command, Output};
 
 use super::{linear, log, measured};
 use crate::fit::{Free, Map};
-use crate::joint::{Channel, P, Problem};
+use crate::joint::{Channel, Nominal, P, Problem};
 
 /// Nominal parameters that may move: within a tolerance where known, freely where not.
 #[must_use]
 pub fn nominal(problem: &Problem) -> Vec<Free> {
-    let k = problem.known;
     let Some(n) = problem.runs.first().map(|r| &r.nominal) else {
         return Vec::new();
     };
     let mut out = Vec::new();
-    let volts = matches!(n.output, Output::Duty | Output::Voltage);
+    plant(problem, n, &mut out);
+    unstated(problem, n, &mut out);
+    if n.command == Command::Position {
+        controller(problem, n, &mut out);
+    }
+    out
+}
+
+fn volts(n: &Nominal) -> bool {
+    matches!(n.output, Output::Duty | Output::Voltage)
+}
+
+/// Motor, load and supply.
+fn plant(problem: &Problem, n: &Nominal, out: &mut Vec<Free>) {
+    let k = problem.known;
     if k.effort_unit && (n.output != Output::Velocity || n.effort_limit.is_finite()) {
         out.push(log(P::Inertia, k.inertia));
     }
@@ -29,11 +42,11 @@ pub fn nominal(problem: &Problem) -> Vec<Free> {
             1e3 * n.stall,
         ));
     }
-    if !volts && measured(problem, Channel::Current) {
+    if !volts(n) && measured(problem, Channel::Current) {
         let known = k.speed.zip(k.supply).map(|(a, b)| a.hypot(b));
         out.push(log(P::Ampere, known));
     }
-    if volts {
+    if volts(n) {
         // Without a voltage measurement the supply's tolerance is one with that of the winding resistance.
         let both = |a: f64, b: Option<f64>| (a * a + b.unwrap_or(0.0) * b.unwrap_or(0.0)).sqrt();
         out.push(log(
@@ -53,6 +66,10 @@ pub fn nominal(problem: &Problem) -> Vec<Free> {
             out.push(log(P::Supply, k.supply));
         }
     }
+}
+
+/// How gears, inner loops and recordings are built, which no data set states.
+fn unstated(problem: &Problem, n: &Nominal, out: &mut Vec<Free>) {
     if n.output == Output::Velocity {
         // A velocity servo has an inner loop of its own: a few milliseconds, stated nowhere.
         out.push(habit(P::Grip, 0.2, 0.005));
@@ -71,28 +88,30 @@ pub fn nominal(problem: &Problem) -> Vec<Free> {
         // When within a controller's tick a row's current was read is not said by a data set.
         out.push(habit(P::ReadAfter, 1.0, 1.0));
     }
-    if n.command == Command::Position {
-        if !k.limit {
-            let scale = 1.0 / (n.kp * problem.distance);
-            out.push(linear(P::Tightness, scale, 0.0, 1e3 * scale));
-        }
-        if k.kp.is_some() || !volts || k.stall.is_some() {
-            out.push(log(P::LoopGain, k.kp.map(exact)));
-        }
-        if n.ki != 0.0 && n.limit.is_finite() {
-            // Whether a saturated loop goes on integrating is stated nowhere.
-            out.push(habit(P::Windup, 1.0, 1.0));
-        }
-        if n.kd > 0.0 {
-            out.push(log(P::Damping, k.kd.map(exact)));
-            if n.period_s > 0.0 {
-                // A loop that differentiates its encoder sees the speed between half a period (one difference) and two
-                // (a filtered one) late; a tachometer is not late at all.
-                out.push(habit(P::SpeedDelay, 2.5, 0.5));
-            }
+}
+
+/// The controller of a position.
+fn controller(problem: &Problem, n: &Nominal, out: &mut Vec<Free>) {
+    let k = problem.known;
+    if !k.limit {
+        let scale = 1.0 / (n.kp * problem.distance);
+        out.push(linear(P::Tightness, scale, 0.0, 1e3 * scale));
+    }
+    if k.kp.is_some() || !volts(n) || k.stall.is_some() {
+        out.push(log(P::LoopGain, k.kp.map(exact)));
+    }
+    if n.ki != 0.0 && n.limit.is_finite() {
+        // Whether a saturated loop goes on integrating is stated nowhere.
+        out.push(habit(P::Windup, 1.0, 1.0));
+    }
+    if n.kd > 0.0 {
+        out.push(log(P::Damping, k.kd.map(exact)));
+        if n.period_s > 0.0 {
+            // A loop that differentiates its encoder sees the speed between half a period (one difference) and two
+            // (a filtered one) late; a tachometer is not late at all.
+            out.push(habit(P::SpeedDelay, 2.5, 0.5));
         }
     }
-    out
 }
 
 /// How a loop or a recording is built, from 0 to `high`; a prior, no gap.
