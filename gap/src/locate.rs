@@ -24,8 +24,8 @@ pub fn stage_of(p: P) -> Stage {
         Delay | Skew | Played | Quantum | Echo => Stage::Transport,
         LoopGain | Damping | SpeedDelay | Windup | Tightness | Grip | Deadband | SlewLimit
         | FeedbackDelay | Lag => Stage::Driver,
-        Motor | Ampere | ReadAfter | Resistance | CurrentLimit | TorqueLimit | DerateTime
-        | DerateShare => Stage::Electrical,
+        Motor | Ampere | Strength | ReadAfter | Resistance | CurrentLimit | TorqueLimit
+        | DerateTime | DerateShare => Stage::Electrical,
         Supply | Sag | Regeneration => Stage::Supply,
         Play | OutputPlay | Flexibility => Stage::Transmission,
         _ => Stage::Drivetrain,

@@ -74,6 +74,9 @@ fn unstated(problem: &Problem, n: &Nominal, out: &mut Vec<Free>) {
         // A velocity servo has an inner loop of its own: a few milliseconds, stated nowhere.
         out.push(habit(P::Grip, 0.2, 0.005));
     }
+    if n.effort_limit.is_finite() {
+        out.push(log(P::Strength, problem.known.stall));
+    }
     if n.output != Output::Velocity || n.effort_limit.is_finite() {
         // Teeth and bearings give before they slide, by a thousandth of the motion or so.
         out.push(Free {

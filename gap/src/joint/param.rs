@@ -43,6 +43,7 @@ params! {
     FeedbackDelay = 0.0, "encoder delay in the controller, s";
     SpeedDelay = 1.0, "delay of the controller's speed estimate, in controller periods";
     Lag = 0.0, "time constant of the actuator, s";
+    Strength = 1.0, "ratio to the nominal largest effort of an effort or velocity servo";
     CurrentLimit = f64::INFINITY, "A";
     TorqueLimit = f64::INFINITY, "N m or N";
     DerateTime = 60.0, "time constant of the derating, s";

@@ -2,6 +2,8 @@
 
 use super::{Found, Node, Search};
 use crate::fit::{Model, Objective};
+use crate::joint::P;
+use crate::vocabulary::Effect;
 
 /// Least gain of an effect on runs that no fit has seen, as a share of what is left: it may be small, but no loss.
 const UNSEEN_GAIN: f64 = 0.02;
@@ -52,7 +54,17 @@ impl Search<'_> {
         let base = found.candidate.effect.is_base();
         // A base parameter has shown beforehand that it left its tolerance.
         let gains = self.enough(loss / self.scale(now, first)) || base && loss > 0.0;
-        gains && self.holds(&node.model, bare, first)
+        gains && !self.is_nothing(&node.model, found) && self.holds(&node.model, bare, first)
+    }
+
+    /// Whether an effect is too small to be one: a clock that is off by less than a step at the end of the longest run moves
+    /// set-points within the doubt of their instants.
+    fn is_nothing(&self, model: &Model, found: &Found) -> bool {
+        if found.candidate.effect != Effect::ClockSkew {
+            return false;
+        }
+        let longest = self.objective.problem.runs.iter().map(|r| r.steps).max();
+        model.params.get(P::Skew).abs() * longest.unwrap_or(0) as f64 <= 1.0
     }
 
     /// Whether the model with an effect does better than `bare` on runs that neither was fitted to.

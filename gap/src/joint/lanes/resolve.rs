@@ -104,7 +104,7 @@ pub(super) fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> 
     let inertia = |p: &Params| (n.inertia * p.get(P::Inertia)).max(1e-12);
     let gravity = |p: &Params| n.gravity * p.get(P::Gravity) + p.get(P::Weight);
     let effort_limit = |p: &Params| {
-        n.effort_limit
+        (n.effort_limit * p.get(P::Strength))
             .min(p.get(P::TorqueLimit))
             .min(p.get(P::CurrentLimit) * kt(p))
     };
