@@ -8,8 +8,7 @@ use hil_sim::bench_cases;
 
 const SEED: u64 = 100;
 
-fn diagnose(index: usize) -> (bench_cases::Label, Verdict) {
-    let case = bench_cases::case(SEED, index);
+fn diagnose(case: &bench_cases::Case) -> Verdict {
     let text = |name: &str| {
         let file = case.files.iter().find(|f| f.0 == name);
         file.expect("the case has the file").1.as_str()
@@ -25,7 +24,7 @@ fn diagnose(index: usize) -> (bench_cases::Label, Verdict) {
         })
         .collect();
     let d = gap::diagnose(&manifest, &recordings, 0, &gap::Settings::default()).expect("diagnosis");
-    (case.label, d.verdict)
+    d.verdict
 }
 
 fn of_kind(kind: &str) -> impl Iterator<Item = usize> {
@@ -36,12 +35,13 @@ fn of_kind(kind: &str) -> impl Iterator<Item = usize> {
 #[test]
 fn cases_without_an_effect_raise_no_alarm() {
     for index in of_kind("null").take(4) {
-        let (label, verdict) = diagnose(index);
+        let case = bench_cases::case(SEED, index);
+        let verdict = diagnose(&case);
         assert_eq!(
             verdict.verdict,
             Word::None,
             "{}: {}",
-            label.name,
+            case.label.name,
             verdict.sentence
         );
         assert!(verdict.effects.is_empty());
@@ -52,11 +52,13 @@ fn cases_without_an_effect_raise_no_alarm() {
 fn visible_single_effects_are_named_first() {
     let mut tried = 0;
     for index in of_kind("single") {
-        let (label, verdict) = diagnose(index);
+        let case = bench_cases::case(SEED, index);
+        let label = &case.label;
         // What an oracle could gain, in floors; smaller ones may hide.
         if label.floors[0] < 5.0 {
             continue;
         }
+        let verdict = diagnose(&case);
         let planted = label.planted[0].effect;
         let named = verdict.effects.first().map(|e| e.effect.name());
         let class = |a: &gap::verdict::Ambiguous| a.effects.iter().any(|e| e.name() == planted);
