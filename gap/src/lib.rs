@@ -14,6 +14,7 @@ pub mod patch;
 pub mod predict;
 pub mod report;
 pub mod select;
+mod sentence;
 pub mod verdict;
 pub mod vocabulary;
 pub mod whole;

@@ -17,6 +17,7 @@ use crate::locate;
 use crate::math;
 use crate::names;
 use crate::select::Search;
+use crate::sentence::{fall, listed};
 use crate::verdict::*;
 use crate::vocabulary::{Effect, Stage};
 
@@ -397,16 +398,16 @@ fn ambiguous(d: &Diagnosis) -> Vec<Ambiguous> {
 
 fn sentence(word: Word, gap: &Gap, effects: &[EffectRow], place: &[Where]) -> String {
     let names: Vec<&str> = effects.iter().map(|e| e.effect.plain()).collect();
-    let list = names.join(" and ");
-    let percent = (100.0 * gap.shrink).round();
+    let list = listed(&names);
+    let fall = fall(gap);
     match word {
         Word::None => "The model explains the recordings as well as they can be explained; there is no gap to name.".into(),
         Word::Explained | Word::Parametric => {
-            format!("The gap comes from this: {list}. With it in the model the held-out error falls by {percent} %.")
+            format!("The gap comes from this: {list}. {fall}.")
         }
         Word::PartlyExplained => {
             let cause = if list.is_empty() { "the calibration alone".to_string() } else { list };
-            format!("A part of the gap is named: {cause}. The held-out error falls by {percent} %; a remainder stays.")
+            format!("A part of the gap is named: {cause}. {fall}; a remainder stays.")
         }
         Word::Unknown => {
             let stage = place.iter().find(|p| p.stage != "unexplained").map_or("drivetrain", |p| p.stage.as_str());

@@ -7,6 +7,7 @@ use super::found::{self, Item};
 use super::score::{JointRow, Metrics, Score, State, bootstrap, unit};
 use super::{Parts, Settings, conventions, places, search, unseen};
 use crate::math;
+use crate::sentence::{fall, listed};
 use crate::verdict::*;
 use crate::vocabulary::Effect;
 
@@ -249,15 +250,15 @@ fn sentence(word: Word, gap: &Gap, rows: &[EffectRow], place: &[Where]) -> Strin
         Some(k) => format!("{} (joint {k})", r.effect.plain()),
         None => r.effect.plain().to_string(),
     };
-    let list = rows.iter().map(name).collect::<Vec<_>>().join(" and ");
-    let percent = (100.0 * gap.shrink).round();
+    let list = listed(&rows.iter().map(name).collect::<Vec<_>>());
+    let fall = fall(gap);
     match word {
         Word::None => "The model explains the recordings as well as they can be explained; there is no gap to name.".into(),
         Word::Explained | Word::Parametric => {
-            format!("The gap comes from this: {list}. With it in the model the held-out error falls by {percent} %.")
+            format!("The gap comes from this: {list}. {fall}.")
         }
         Word::PartlyExplained => {
-            format!("A part of the gap is named: {list}. The held-out error falls by {percent} %; a remainder stays.")
+            format!("A part of the gap is named: {list}. {fall}; a remainder stays.")
         }
         Word::Unknown => {
             let at = place.iter().find(|p| p.stage != "unexplained");
