@@ -193,50 +193,32 @@ fn missing_signals_narrow_the_verdict_and_break_nothing() {
     assert!(unseen(Effect::CoulombFriction) && unseen(Effect::GroundFriction));
 }
 
-/// Verdict on a robot without a gap, filmed by a camera turned by `yaw_rad` whose clock is `shift_s` late.
-fn filmed(yaw_rad: f64, shift_s: f64) -> Verdict {
+#[test]
+fn a_turned_camera_with_another_clock_is_named() {
     let plan = Plan {
         gaits: 4,
         effort: false,
         ..Plan::default()
     };
     let (manifest, recordings) = record(&plan, &Reality::default());
-    let view =
-        camera::View::new(2.6, (0.0, 0.0), yaw_rad as f32, (320, 240), 290.0).expect("a camera");
-    let films = films(&manifest, &recordings, &view, shift_s);
-    diagnose(
+    let view = camera::View::new(2.6, (0.0, 0.0), 0.15, (320, 240), 290.0).expect("a camera");
+    let films = films(&manifest, &recordings, &view, 0.4);
+    let d = diagnose(
         &manifest,
         &recordings,
         &films,
         &Model::hand_tuned(),
         &Settings::default(),
     )
-    .expect("diagnosable")
-    .verdict()
-    .clone()
-}
-
-#[test]
-fn a_turned_camera_with_another_clock_is_named() {
-    let verdict = filmed(0.15, 0.4);
+    .expect("diagnosable");
     let value = |effect: Effect, key: &str| {
-        let row = verdict.effects.iter().find(|e| e.effect == effect);
-        row.unwrap_or_else(|| panic!("{}: {:?}", effect.name(), verdict.effects))
+        let row = d.verdict().effects.iter().find(|e| e.effect == effect);
+        row.unwrap_or_else(|| panic!("{}: {:?}", effect.name(), d.verdict().effects))
             .parameters[key]
             .value
     };
     assert!((value(Effect::CameraYaw, "angle_rad") - 0.15).abs() < 0.02);
     assert!((value(Effect::CameraTimeShift, "shift_s") - 0.4).abs() < 0.03);
-    let [before, _, after] = verdict.metrics["similarity_r"];
+    let [before, _, after] = d.verdict().metrics["similarity_r"];
     assert!(after > before && after > 0.9, "{before} {after}");
-}
-
-#[test]
-fn a_camera_turned_by_two_degrees_is_named() {
-    let verdict = filmed(-0.032, 0.0);
-    let [row] = verdict.effects.as_slice() else {
-        panic!("{:?}", verdict.effects);
-    };
-    assert_eq!(row.effect, Effect::CameraYaw);
-    assert!((row.parameters["angle_rad"].value + 0.032).abs() < 0.005);
 }
