@@ -112,6 +112,19 @@ fn joint_parameters<'a>(
                 t[J::MaxTorque as usize] * n.max_torque_nm / (n.nm_per_a * t[J::PerAmpere as usize])
             }),
         )],
+        Effect::Backlash => vec![("half_width_rad", get(J::Play))],
+        Effect::Compliance => vec![(
+            "stiffness_nm_rad",
+            Box::new(|t: &[f64]| 1.0 / t[J::Flex as usize].max(1e-9)),
+        )],
+        _ => friction_parameters(effect, n),
+    }
+}
+
+/// What torque along the motion takes.
+fn friction_parameters<'a>(effect: Effect, n: &'a Nominal) -> Vec<(&'static str, Convert<'a>)> {
+    let get = |j: J| -> Convert<'a> { Box::new(move |t: &[f64]| t[j as usize]) };
+    match effect {
         Effect::CoulombFriction => vec![("torque_nm", get(J::Coulomb))],
         Effect::ViscousFriction => vec![("nm_s_rad", get(J::Viscous))],
         Effect::StribeckFriction => vec![
@@ -147,11 +160,6 @@ fn joint_parameters<'a>(
                 }),
             ),
         ],
-        Effect::Backlash => vec![("half_width_rad", get(J::Play))],
-        Effect::Compliance => vec![(
-            "stiffness_nm_rad",
-            Box::new(|t: &[f64]| 1.0 / t[J::Flex as usize].max(1e-9)),
-        )],
         _ => Vec::new(),
     }
 }
