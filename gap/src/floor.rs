@@ -125,7 +125,9 @@ pub fn floor(problem: &Problem) -> Floor {
         }
         let m = math::mean(&all);
         out.spread[c] = math::rms(&all.iter().map(|x| x - m).collect::<Vec<_>>());
-        out.noise[c] = fast_noise(problem, c);
+        out.resolution[c] = resolution(problem, c);
+        // A coarse encoder hardly ever moves between two rows of a slow motion: that is no quiet one.
+        out.noise[c] = fast_noise(problem, c).max(out.resolution[c]);
         let mut d = Vec::new();
         for (i, a) in problem.runs.iter().enumerate() {
             if let Some(b) = problem.runs[..i].iter().find(|b| b.repeat == a.repeat) {
@@ -133,7 +135,6 @@ pub fn floor(problem: &Problem) -> Floor {
                 d.push(math::rms(&difference(a, b, c, problem.dt_s)) / 2.0_f64.sqrt());
             }
         }
-        out.resolution[c] = resolution(problem, c);
         if !d.is_empty() {
             // Repeats that a coarse encoder rounds alike repeat better than they are known.
             *repeat = math::mean(&d).max(out.resolution[c]);

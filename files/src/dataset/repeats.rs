@@ -6,12 +6,16 @@ use super::table::{Recording, Signal};
 /// Smallest step between different values of a column: its resolution. 0 if the column never changes.
 #[must_use]
 pub fn quantum(column: &[f64]) -> f64 {
+    // The same reading computed in two ways differs in its last digits: no step. A 20-bit encoder over a turn has 1e-6.
+    const SAME: f64 = 1e-7;
     let mut v: Vec<f64> = column.iter().copied().filter(|x| x.is_finite()).collect();
     v.sort_by(f64::total_cmp);
+    let range = v.last().zip(v.first()).map_or(0.0, |(b, a)| b - a);
+    let least = 1e-9_f64.max(SAME * range);
     let mut steps: Vec<f64> = v
         .windows(2)
         .map(|p| p[1] - p[0])
-        .filter(|d| *d > 1e-9)
+        .filter(|d| *d > least)
         .collect();
     steps.sort_by(f64::total_cmp);
     // A low percentile instead of the minimum: rounding in the text makes a few steps too small.
