@@ -12,6 +12,7 @@ mod merge;
 pub mod nominal;
 pub mod param;
 pub mod sim;
+mod stop;
 
 pub use data::{Problem, RunData, Sample};
 pub use lanes::{LANES, simulate_lanes};

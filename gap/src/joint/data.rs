@@ -183,6 +183,10 @@ impl Problem {
             runs.push(data);
         }
         curved(&mut runs);
+        if first.bench.command == Command::Position {
+            let travel = super::stop::travel(&runs, dt_s);
+            runs.iter_mut().for_each(|r| r.nominal.travel = travel);
+        }
         let any = runs
             .iter()
             .any(|r: &RunData| r.samples.iter().any(|s| s.measured[0].is_finite()));

@@ -171,6 +171,15 @@ impl State {
         exact + F::from(share) * (F::from(out) / m.dt - exact)
     }
 
+    /// A stop takes all speed.
+    fn stop(&mut self, [low, high]: &[f64; 2]) {
+        if low.is_finite() || high.is_finite() {
+            let held = clamp(self.q, F::splat(*low), F::splat(*high));
+            self.dq = held.simd_ne(self.q).select(zero(), self.dq);
+            self.q = held;
+        }
+    }
+
     fn restart(&mut self, position: f64, velocity: f64, running: bool, dt_s: f64) {
         (self.q, self.dq) = (F::splat(position), F::splat(velocity));
         (self.output, self.link, self.integral) = (self.q, self.q, zero());
@@ -408,6 +417,7 @@ pub fn simulate_lanes(run: &RunData, params: &[Params], dt_s: f64, trace: &mut V
                 (zero(), zero())
             };
             mechanics(&m, &mut s, ab, enabled);
+            s.stop(&run.nominal.travel);
             transmission(&m, &mut s);
             while let Some(x) = run.samples.get(row).filter(|x| x.step == step) {
                 trace.push(blend(&m, &s, outputs(&m, &s, *applied), &before, x.part));

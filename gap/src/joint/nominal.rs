@@ -15,6 +15,8 @@ pub struct Nominal {
     pub no_load_speed: f64,
     /// Effort per ampere.
     pub effort_per_a: f64,
+    /// Angles at which the joint stops; infinite where it does not.
+    pub travel: [f64; 2],
     /// Supply, V.
     pub supply_v: f64,
     /// Proportional gain, output unit per rad.
@@ -189,6 +191,7 @@ pub fn nominal(b: &Bench) -> Nominal {
     Nominal {
         inertia,
         gravity: value(b.gravity, 0.0),
+        travel: [f64::NEG_INFINITY, f64::INFINITY],
         stall,
         no_load_speed,
         effort_per_a,
