@@ -227,6 +227,10 @@ pub fn diagnose_watched(
     let unfitted: Vec<P> = (free.iter().filter(|f| f.tolerance.is_none()))
         .map(|f| f.p)
         .collect();
+    let rich = match settings.baseline {
+        Some(_) => None,
+        None => calibrate::rich(&objective, &free, independent, settings.seed),
+    };
     let (nominal, calibrated) = match settings.baseline {
         Some(params) => (params, fixed(params)),
         None => calibrate::calibrate(&objective, free, independent, floor_cost, settings.seed),
@@ -250,6 +254,7 @@ pub fn diagnose_watched(
         library,
         floor_cost,
         independent,
+        rich,
         nominal: calibrated.free.iter().map(|f| f.p).collect(),
         options,
     };

@@ -136,6 +136,8 @@ pub struct Search<'a> {
     pub floor_cost: f64,
     /// Independent samples, for the weight of priors.
     pub independent: f64,
+    /// Where unknown nominal values stand once dry friction and a weight are fitted along with them.
+    pub rich: Option<Params>,
     /// Nominal parameters that may move.
     pub nominal: Vec<P>,
     /// Settings.
@@ -359,8 +361,11 @@ impl Search<'_> {
                 let better = |p: &(f64, Node)| p.0 < limit && self.gains(&o, &node, &p.1, first);
                 best = pick.filter(better).or(best);
             }
+            if best.is_none() && node.found.is_empty() && self.options.thorough {
+                best = self.pair(&o, &node, &tries, first, &mut log);
+            }
             let Some((_, next)) = best else { break };
-            if node.found.is_empty() {
+            if node.found.is_empty() && next.found.len() == 1 {
                 let chosen = next.found.last().map(|f| f.candidate.effect);
                 branches = self.branches(&node, &tries, chosen);
             }
@@ -431,6 +436,32 @@ impl Search<'_> {
             })
             .filter(|n| n.held_out() < node.held_out())
             .collect()
+    }
+
+    /// Two effects of which neither is believed alone: where nominal values are unknown, they bend to hide the first.
+    fn pair(
+        &self,
+        o: &Objective<'_>,
+        node: &Node,
+        tries: &[Try],
+        first: f64,
+        log: &mut Vec<Considered>,
+    ) -> Option<(f64, Node)> {
+        let mut best: Option<(f64, Node)> = None;
+        for branch in self.branches(node, tries, None) {
+            let own = self.tuned(&branch.model);
+            let mut tries = self.expand(&own, &branch.model, &branch.found);
+            let pick = self.believed(&own, &branch, &mut tries, first, log);
+            let limit = best.as_ref().map_or(f64::INFINITY, |b| b.0);
+            let better = |p: &(f64, Node)| p.0 < limit && self.gains(o, node, &p.1, first);
+            best = pick.filter(better).or(best);
+        }
+        if let Some((_, next)) = &mut best {
+            // What the two gain together is the evidence for either.
+            let gain = next.found.last().map_or(0.0, |f| f.gain);
+            next.found.iter_mut().for_each(|f| f.gain = gain);
+        }
+        best
     }
 
     /// Takes effects out again that a later one made needless.

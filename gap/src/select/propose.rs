@@ -14,8 +14,9 @@ impl Search<'_> {
     pub(super) fn expand(&self, o: &Objective<'_>, model: &Model, found: &[Found]) -> Vec<Try> {
         let mut all = self.ranked(o, model, found);
         // What is missing may have bent the nominal values so far that no candidate finds its valley from there.
-        if let Some(stated) = self.stated(model) {
-            all.extend(self.ranked(o, &stated, found));
+        let rich = found.is_empty().then(|| self.richer(model)).flatten();
+        for other in self.stated(model).into_iter().chain(rich) {
+            all.extend(self.ranked(o, &other, found));
             all.sort_by(|a, b| a.score.total_cmp(&b.score));
             let mut seen = vec![false; self.library.len()];
             all.retain(|t| !std::mem::replace(&mut seen[t.candidate], true));
@@ -36,6 +37,16 @@ impl Search<'_> {
         Some(out)
     }
 
+    /// `model` with the unknown nominal values as they are beside dry friction and a weight.
+    fn richer(&self, model: &Model) -> Option<Model> {
+        let rich = self.rich?;
+        let mut out = model.clone();
+        for f in model.free.iter().filter(|f| f.tolerance.is_none()) {
+            out.params.set(f.p, rich.get(f.p));
+        }
+        Some(out)
+    }
+
     /// The candidates in the order of a short refit from `model`.
     fn ranked(&self, o: &Objective<'_>, model: &Model, found: &[Found]) -> Vec<Try> {
         let mut tries: Vec<(usize, Model)> = Vec::new();
@@ -43,6 +54,12 @@ impl Search<'_> {
         for (k, c) in self.library.iter().enumerate() {
             if !self.taken(model, found, c) && arrivals.admits(c.effect) {
                 tries.extend(c.starts.iter().map(|s| (k, with(model, c, s))));
+                let own: Vec<f64> = (c.free.iter())
+                    .map(|f| self.rich.map_or(Params::neutral(f.p), |r| r.get(f.p)))
+                    .collect();
+                if (c.free.iter().zip(&own)).any(|(f, x)| *x != Params::neutral(f.p)) {
+                    tries.push((k, with(model, c, &own)));
+                }
             }
         }
         let sets: Vec<Params> = tries.iter().map(|t| t.1.params).collect();
