@@ -5,12 +5,14 @@
 
 mod algebra;
 mod shared;
+mod spread;
 
 use rayon::prelude::*;
 use wide::f64x8;
 
 use self::algebra::{cholesky, dot, solve};
 pub use self::shared::Linear;
+pub use self::spread::{Spread, spread};
 
 use crate::joint::data::CHANNELS;
 use crate::joint::{LANES, P, Params, Problem, simulate_lanes};
@@ -502,26 +504,4 @@ fn step(model: &Model, e: &Normal, damping: f64) -> Option<Model> {
         next.params.set(f.p, f.to_value(x - d.clamp(-most, most)));
     }
     Some(next)
-}
-
-/// Standard error of each free parameter in the fit's variable, from the curvature at the optimum, for residuals that are
-/// independent over `independent` samples per run.
-#[must_use]
-pub fn standard_errors(o: &Objective<'_>, model: &Model) -> Vec<f64> {
-    let n = model.free.len();
-    let e = o.normals(std::slice::from_ref(model)).remove(0);
-    let mut h = e.hessian;
-    for i in 0..n {
-        h[i * n + i] += 1e-12;
-    }
-    let Some(l) = cholesky(&h, n) else {
-        return vec![f64::INFINITY; n];
-    };
-    (0..n)
-        .map(|i| {
-            let mut unit = vec![0.0; n];
-            unit[i] = 1.0;
-            solve(&l, &unit)[i].max(0.0).sqrt()
-        })
-        .collect()
 }
