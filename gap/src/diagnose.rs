@@ -322,6 +322,28 @@ fn unseen_runs(fit: &[usize], score: &[usize]) -> Vec<usize> {
     unseen.copied().collect()
 }
 
+/// Candidates of this data set. On top of a baseline none that moves what the data set leaves unknown: the baseline fitted
+/// it; it is no effect then, as it would be none without one.
+fn library(
+    problem: &Problem,
+    scales: &Scales,
+    settings: &Settings,
+    unfitted: &[crate::joint::P],
+) -> Vec<candidates::Candidate> {
+    let mut out = candidates::library(problem, scales);
+    out.retain(|c| !settings.withhold.contains(&c.effect));
+    if settings.baseline.is_some() {
+        // A gain that the data set does not state is one with the unknown strength of the motor.
+        let stated = |e: Effect| match e {
+            Effect::LoopGain => problem.known.kp.is_some(),
+            Effect::DampingGain => problem.known.kd.is_some(),
+            _ => true,
+        };
+        out.retain(|c| stated(c.effect) && c.free.iter().all(|f| !unfitted.contains(&f.p)));
+    }
+    out
+}
+
 /// Recordings behind one averaged run.
 fn mean_count(problem: &Problem) -> f64 {
     problem.runs.iter().map(|r| r.count).sum::<f64>() / problem.runs.len().max(1) as f64
