@@ -104,9 +104,11 @@ pub(super) fn rich(
     }
     let start = Model {
         params: Params::default(),
-        free: unknown,
+        free: (unknown.into_iter())
+            .filter(|f| added.iter().all(|a| a.p != f.p))
+            .collect(),
     };
-    let mut rng = Rng::new(seed ^ 0x5EED);
+    let mut rng = Rng::new(seed ^ 0x71C4);
     let models = (0..STARTS).map(|_| {
         let mut m = scattered(&start, Some(&mut rng));
         let strength = usual * m.params.get(P::Motor) / m.params.get(P::Resistance);
