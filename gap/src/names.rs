@@ -124,6 +124,7 @@ pub fn plausible(c: &Candidate, params: &Params, s: &Scales) -> bool {
             P::LoadShare => x < 0.9,
             P::Skew => x.abs() < 0.05,
             P::DerateTime => x > 2.0,
+            P::DerateShare => x < 0.7,
             // Eight bits a turn is the coarsest set-point a servo takes.
             P::Quantum => x < 0.025,
             // Units may be mixed up; no gear or horn is wrong by more than a factor 2.
