@@ -311,28 +311,6 @@ fn library(
     out.retain(|c| !settings.withhold.contains(&c.effect));
     if settings.baseline.is_some() {
         // What the data set leaves unknown was fitted by the baseline; it is no effect then, as it would be none without one.
-        out.retain(|c| c.free.iter().all(|f| !unfitted.contains(&f.p)));
-    }
-    out
-}
-
-/// Score runs that are not fitted.
-fn unseen_runs(fit: &[usize], score: &[usize]) -> Vec<usize> {
-    let unseen = score.iter().filter(|r| !fit.contains(r));
-    unseen.copied().collect()
-}
-
-/// Candidates of this data set. On top of a baseline none that moves what the data set leaves unknown: the baseline fitted
-/// it; it is no effect then, as it would be none without one.
-fn library(
-    problem: &Problem,
-    scales: &Scales,
-    settings: &Settings,
-    unfitted: &[crate::joint::P],
-) -> Vec<candidates::Candidate> {
-    let mut out = candidates::library(problem, scales);
-    out.retain(|c| !settings.withhold.contains(&c.effect));
-    if settings.baseline.is_some() {
         // A gain that the data set does not state is one with the unknown strength of the motor.
         let stated = |e: Effect| match e {
             Effect::LoopGain => problem.known.kp.is_some(),
@@ -342,6 +320,12 @@ fn library(
         out.retain(|c| stated(c.effect) && c.free.iter().all(|f| !unfitted.contains(&f.p)));
     }
     out
+}
+
+/// Score runs that are not fitted.
+fn unseen_runs(fit: &[usize], score: &[usize]) -> Vec<usize> {
+    let unseen = score.iter().filter(|r| !fit.contains(r));
+    unseen.copied().collect()
 }
 
 /// Recordings behind one averaged run.
