@@ -266,16 +266,21 @@ impl Silhouette {
         Some((overlap, self.area_px + other.area_px - overlap))
     }
 
+    /// Pixels (x, y) of the robot, row by row.
+    pub fn marked(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let columns = self.robot.left * 64..self.robot.right * 64;
+        (self.robot.top..self.robot.bottom)
+            .flat_map(move |y| columns.clone().map(move |x| (x, y)))
+            .filter(|&(x, y)| self.get(x, y))
+    }
+
     /// Centre of the area in pixels; `None` for an empty frame.
     #[must_use]
     pub fn centre_px(&self) -> Option<(f64, f64)> {
         let (mut sx, mut sy) = (0u64, 0u64);
-        for y in self.robot.top..self.robot.bottom {
-            let columns = self.robot.left * 64..self.robot.right * 64;
-            for x in columns.filter(|&x| self.get(x, y)) {
-                sx += x as u64;
-                sy += y as u64;
-            }
+        for (x, y) in self.marked() {
+            sx += x as u64;
+            sy += y as u64;
         }
         let n = f64::from(self.area_px);
         (self.area_px > 0).then(|| (sx as f64 / n + 0.5, sy as f64 / n + 0.5))

@@ -13,6 +13,7 @@ mod conventions;
 pub mod data;
 mod direct;
 mod echo;
+mod film;
 mod found;
 pub mod inertial;
 mod joint_library;
@@ -198,14 +199,16 @@ pub fn diagnose(
     model: &Model,
     settings: &Settings,
 ) -> Result<Diagnosis, WholeError> {
-    let data = Arc::new(Data::new(manifest, recordings));
+    let params = Arc::new(Params::try_from(model)?);
+    let mut data = Data::new(manifest, recordings);
+    film::track(&mut data, films, manifest, model, &params);
+    let data = Arc::new(data);
     let (fit_runs, score_runs, split) = split(&data);
     if fit_runs.is_empty() {
         return Err(WholeError::Nothing);
     }
     let mut conventions = conventions::find(&data);
     let mut direct = direct::read(&data, &mut conventions, &settings.withhold);
-    let params = Arc::new(Params::try_from(model)?);
     let body = body::Tier::new(&data, model, &params, &fit_runs)
         .map(|tier| body::diagnose(tier, &settings.withhold));
     // Loads on the joints come from the body as it was found to be.
@@ -296,5 +299,14 @@ pub fn diagnose(
         replay: None,
     };
     out.add_rollouts(&parts.data, &score_runs, &params);
+    let similar = |params: &Arc<Params>| {
+        film::similarity(&parts.data, films, manifest, model, &score_runs, params)
+    };
+    if let (Some(before), Ok(patched)) = (similar(&params), Params::try_from(&out.patch()))
+        && let Some(after) = similar(&Arc::new(patched))
+    {
+        let metrics = &mut out.verdict.metrics;
+        metrics.insert("similarity_r".into(), [before, before, after]);
+    }
     Ok(out)
 }

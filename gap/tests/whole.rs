@@ -222,3 +222,35 @@ fn a_turned_camera_with_another_clock_is_named() {
     let [before, _, after] = d.verdict().metrics["similarity_r"];
     assert!(after > before && after > 0.9, "{before} {after}");
 }
+
+#[test]
+fn a_film_stands_in_for_a_tracker() {
+    let plan = Plan {
+        gaits: 4,
+        effort: false,
+        ..Plan::default()
+    };
+    let blind = Plan {
+        base: false,
+        ..plan
+    };
+    let reality = Reality::default();
+    let (manifest, tracked) = record(&plan, &reality);
+    let view = camera::View::new(2.6, (0.0, 0.0), 0.0, (320, 240), 290.0).expect("a camera");
+    let films = films(&manifest, &tracked, &view, 0.0);
+    let (manifest, recordings) = record(&blind, &reality);
+    let model = Model::hand_tuned();
+    let d = diagnose(&manifest, &recordings, &films, &model, &Settings::default())
+        .expect("diagnosable");
+    let v = d.verdict();
+    assert_eq!(
+        (v.verdict, v.effects.len()),
+        (Word::None, 0),
+        "{:?}",
+        v.effects
+    );
+    assert!(v.metrics.contains_key("pose_rmse_m") && v.metrics.contains_key("similarity_r"));
+    // What was read off the film says nothing of the camera.
+    let unseen = |e: Effect| v.unseen.iter().any(|u| u.effect == e);
+    assert!(unseen(Effect::CameraYaw) && !unseen(Effect::GroundFriction));
+}

@@ -56,6 +56,31 @@ pub struct Planted {
     pub readings_too: bool,
 }
 
+/// What tells where the robot is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SeenBy {
+    /// Tracker and inertial sensor.
+    Tracker,
+    /// The same, and an overhead camera.
+    TrackerAndCamera,
+    /// An overhead camera alone, as in the paper.
+    Camera,
+}
+
+impl SeenBy {
+    /// Whether a camera films the runs.
+    #[must_use]
+    pub fn camera(self) -> bool {
+        self != Self::Tracker
+    }
+
+    /// Whether pose, rate and acceleration of the base are recorded.
+    #[must_use]
+    pub fn tracker(self) -> bool {
+        self != Self::Camera
+    }
+}
+
 /// What a case is made of, all of it drawn from a seed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
@@ -67,8 +92,8 @@ pub struct Plan {
     pub seed: u64,
     /// Causes.
     pub planted: Vec<Planted>,
-    /// Whether a camera films the runs.
-    pub filmed: bool,
+    /// Who saw the robot move.
+    pub seen_by: SeenBy,
     /// Length of a run, s.
     pub duration_s: f64,
 }
@@ -143,7 +168,11 @@ pub fn plan(seed: u64, index: usize) -> Plan {
         name: format!("robot_{index:04}"),
         kind,
         seed: rng.next_u64(),
-        filmed: rng.chance(0.25) || camera,
+        seen_by: if rng.chance(0.25) || camera {
+            SeenBy::TrackerAndCamera
+        } else {
+            SeenBy::Tracker
+        },
         planted,
         // Chosen: two cycles of the paper's 0.2 Hz and a bit.
         duration_s: 12.0,
@@ -212,9 +241,9 @@ pub fn case(plan: &Plan, gaits: &[Gait]) -> Result<Case, RobotCaseError> {
             let mut noise = Rng::new(plan.seed, 0x4E, run.1);
             files.push((
                 format!("{name}.csv"),
-                write::csv(&track, &mut noise).into_bytes(),
+                write::csv(&track, plan.seen_by.tracker(), &mut noise).into_bytes(),
             ));
-            if plan.filmed {
+            if plan.seen_by.camera() {
                 files.extend(write::film(&truth.camera, &track, &name, &mut noise));
             }
         }

@@ -278,6 +278,9 @@ impl Tier {
                 }
             }
         }
+        for (i, own) in covariance.iter_mut().step_by(NUMBERS + 1).enumerate() {
+            *own += base.filmed.map_or(0.0, |error| error[i % 6].powi(2));
+        }
         let mut ways = [0.0; SAMPLES];
         let mut targets = Vec::with_capacity(SAMPLES);
         for (i, slot) in ways.iter_mut().enumerate() {

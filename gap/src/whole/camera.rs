@@ -10,7 +10,7 @@ use files::dataset::Manifest;
 use files::model::{Key, Model};
 use rayon::prelude::*;
 
-use super::data::{Data, JOINTS};
+use super::data::{Data, JOINTS, Run};
 use super::search::{Answer, Candidate, Coordinate, Evaluate, Limits, Search};
 use super::windows;
 use crate::math;
@@ -69,21 +69,97 @@ pub(super) struct Tier {
     expected: f64,
 }
 
+/// The camera as the data set states it.
+pub(super) struct Seen {
+    pub(super) view: View,
+    pub(super) focal_px: f64,
+    pub(super) height_m: f64,
+    pub(super) yaw_rad: f64,
+    /// What is labelled `t` was taken at `t + shift`, s.
+    pub(super) shift_s: f64,
+}
+
+impl Seen {
+    /// `None` where no camera can be like that.
+    pub(super) fn new(manifest: &Manifest, model: &Model, frame: &Silhouette) -> Option<Self> {
+        let stated: Vec<f64> = coordinates(manifest, model)
+            .iter()
+            .map(|c| c.neutral)
+            .collect();
+        let get = |c: C| stated[c as usize];
+        let size = (frame.width(), frame.height());
+        let focal_px = focal_px(manifest, size);
+        let view = View::new(
+            get(C::Height) as f32,
+            (get(C::X) as f32, get(C::Y) as f32),
+            get(C::Yaw) as f32,
+            size,
+            focal_px as f32,
+        );
+        Some(Self {
+            view: view.ok()?,
+            focal_px,
+            height_m: get(C::Height),
+            yaw_rad: get(C::Yaw),
+            shift_s: get(C::Shift),
+        })
+    }
+
+    /// Way on the ground, m, that moves what stands at `z_m` by `px`.
+    pub(super) fn way_m(&self, px: [f64; 2], z_m: f64) -> [f64; 2] {
+        let scale = (self.height_m - z_m) / self.focal_px;
+        let (u, v) = (scale * px[0], -scale * px[1]);
+        let (sin, cos) = libm::sincos(self.yaw_rad);
+        [cos * u - sin * v, sin * u + cos * v]
+    }
+}
+
+/// Focal length, px: as stated, or a Kinect's at 640 pixels, scaled to the frame.
+fn focal_px(manifest: &Manifest, size: (usize, usize)) -> f64 {
+    let stated = manifest.camera.as_ref();
+    stated
+        .and_then(|c| c.quantities.get("focal_px"))
+        .map_or(580.0 * size.0 as f64 / 640.0, |q| q.value)
+}
+
+/// Poses of the seven bodies of a robot whose body 3 is at `base`; `None` where an angle was not measured.
+pub(super) fn bodies(
+    robot: &RobotModel,
+    run: &Run,
+    t_s: f64,
+    base: &physics::Pose,
+) -> Option<Vec<Pose>> {
+    let mut q = [0.0f32; JOINTS];
+    for (slot, j) in q.iter_mut().zip(&run.joints) {
+        *slot = j.link.as_ref().or(j.position.as_ref())?.at(t_s) as f32;
+    }
+    Some(placed(robot, q, base))
+}
+
+/// Poses of the seven bodies at joint angles `q_rad` with body 3 at `base`.
+pub(super) fn placed(robot: &RobotModel, q_rad: [f32; JOINTS], base: &physics::Pose) -> Vec<Pose> {
+    let [x, y, z] = base.position_m;
+    let pose = Pose {
+        position_m: Vec3::new(x, y, z),
+        rotation: Rot3::from_quaternion(base.quaternion),
+    };
+    kinematics::forward(robot, &q_rad)
+        .rebased(3, &pose)
+        .bodies()
+        .to_vec()
+}
+
 /// Centre, size and the two deviators of the second moments, all in px; `None` for an empty frame.
-fn moments(frame: &Silhouette) -> Option<[f64; 5]> {
+pub(super) fn moments(frame: &Silhouette) -> Option<[f64; 5]> {
     let (mut n, mut sx, mut sy, mut sxx, mut sxy, mut syy) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
-    for y in 0..frame.height() {
-        for x in 0..frame.width() {
-            if frame.get(x, y) {
-                let (x, y) = (x as f64, y as f64);
-                n += 1.0;
-                sx += x;
-                sy += y;
-                sxx += x * x;
-                sxy += x * y;
-                syy += y * y;
-            }
-        }
+    for (x, y) in frame.marked() {
+        let (x, y) = (x as f64, y as f64);
+        n += 1.0;
+        sx += x;
+        sy += y;
+        sxx += x * x;
+        sxy += x * y;
+        syy += y * y;
     }
     if n < 20.0 {
         return None;
@@ -95,7 +171,7 @@ fn moments(frame: &Silhouette) -> Option<[f64; 5]> {
 }
 
 /// Whether the outline touches the border: then its centre is not the robot's.
-fn cut(frame: &Silhouette) -> bool {
+pub(super) fn cut(frame: &Silhouette) -> bool {
     let (w, h) = (frame.width(), frame.height());
     (0..w).any(|x| frame.get(x, 0) || frame.get(x, h - 1))
         || (0..h).any(|y| frame.get(0, y) || frame.get(w - 1, y))
@@ -136,7 +212,9 @@ impl Tier {
                 seen += t.len() as f64;
                 expected += ((last - first) / step).round() + 1.0;
             }
-            let measured = run.base.is_some() && run.joints.iter().all(|j| j.position.is_some());
+            // A pose that was read off the film says nothing of the film.
+            let tracked = run.base.as_ref().is_some_and(|b| b.filmed.is_none());
+            let measured = tracked && run.joints.iter().all(|j| j.position.is_some());
             if !fit.contains(&r) || !measured {
                 continue;
             }
@@ -155,15 +233,7 @@ impl Tier {
         let frames: Vec<Frame> = frames.into_iter().step_by(thin).collect();
         let first = frames.first()?;
         let size = (first.frame.width(), first.frame.height());
-        let known = |key: &str| {
-            manifest
-                .camera
-                .as_ref()
-                .and_then(|c| c.quantities.get(key))
-                .map(|q| q.value)
-        };
-        // A Kinect's focal length at 640 pixels, scaled to the frame.
-        let focal_px = known("focal_px").unwrap_or(580.0 * size.0 as f64 / 640.0);
+        let focal_px = focal_px(manifest, size);
         let mut names: Vec<usize> = frames.iter().map(|f| data.runs[f.run].gait).collect();
         names.sort_unstable();
         names.dedup();
@@ -188,21 +258,7 @@ impl Tier {
     fn bodies(&self, run: usize, t_s: f64) -> Option<Vec<Pose>> {
         let run = &self.data.runs[run];
         let (base, _) = windows::base_state(run.base.as_ref()?, t_s)?;
-        let mut q = [0.0f32; JOINTS];
-        for (slot, j) in q.iter_mut().zip(&run.joints) {
-            *slot = j.link.as_ref().or(j.position.as_ref())?.at(t_s) as f32;
-        }
-        let [x, y, z] = base.position_m;
-        let pose = Pose {
-            position_m: Vec3::new(x, y, z),
-            rotation: Rot3::from_quaternion(base.quaternion),
-        };
-        Some(
-            kinematics::forward(&self.robot, &q)
-                .rebased(3, &pose)
-                .bodies()
-                .to_vec(),
-        )
+        bodies(&self.robot, run, t_s, &base)
     }
 
     fn render(&self, theta: &[f64], frame: &Frame) -> Option<Silhouette> {

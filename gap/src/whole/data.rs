@@ -138,6 +138,8 @@ pub struct JointTracks {
 pub struct BaseTrack {
     /// The inertial sensor laid onto the pose, where there is one and it helps.
     pub reckoned: Option<Reckoned>,
+    /// One standard deviation of place, m, and attitude about the world's axes, rad, where the pose was read off a film.
+    pub filmed: Option<[f64; 6]>,
     /// Times, s.
     pub t_s: Vec<f64>,
     /// x, y, z.
@@ -207,6 +209,30 @@ fn joint_tracks(r: &Recording, k: usize) -> JointTracks {
     }
 }
 
+impl BaseTrack {
+    /// Adds a sample; the quaternion's length and sign do not matter.
+    pub fn push(&mut self, t_s: f64, position_m: [f64; 3], quaternion: [f64; 4]) {
+        let last = |track: &Track| track.v.last().copied();
+        let before: [Option<f64>; 4] = std::array::from_fn(|k| last(&self.quaternion[k]));
+        let dot: f64 = before
+            .iter()
+            .zip(quaternion)
+            .map(|(a, b)| a.unwrap_or(0.0) * b)
+            .sum();
+        let norm = quaternion.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let scale = if dot < 0.0 { -1.0 } else { 1.0 } / norm.max(1e-9);
+        self.t_s.push(t_s);
+        for (track, x) in self.position_m.iter_mut().zip(position_m) {
+            track.t_s.push(t_s);
+            track.v.push(x);
+        }
+        for (track, x) in self.quaternion.iter_mut().zip(quaternion) {
+            track.t_s.push(t_s);
+            track.v.push(scale * x);
+        }
+    }
+}
+
 fn base(r: &Recording) -> Option<BaseTrack> {
     let b = r.body();
     let columns: Vec<&[f64]> = b
@@ -216,26 +242,14 @@ fn base(r: &Recording) -> Option<BaseTrack> {
         .map(|c| c.as_deref())
         .collect::<Option<_>>()?;
     let mut out = BaseTrack::default();
-    let mut last = [1.0, 0.0, 0.0, 0.0];
     for (i, t) in r.t_s().iter().enumerate() {
-        if columns.iter().any(|c| !c[i].is_finite()) {
-            continue;
-        }
-        let mut q: [f64; 4] = std::array::from_fn(|k| columns[3 + k][i]);
-        let norm = q.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let dot: f64 = q.iter().zip(&last).map(|(a, b)| a * b).sum();
-        let scale = if dot < 0.0 { -1.0 } else { 1.0 } / norm.max(1e-9);
-        q.iter_mut().for_each(|x| *x *= scale);
-        last = q;
-        let t = t - r.t_s()[0];
-        out.t_s.push(t);
-        for (k, track) in out.position_m.iter_mut().enumerate() {
-            track.t_s.push(t);
-            track.v.push(columns[k][i]);
-        }
-        for (track, x) in out.quaternion.iter_mut().zip(q) {
-            track.t_s.push(t);
-            track.v.push(x);
+        if columns.iter().all(|c| c[i].is_finite()) {
+            let at = |k: usize| columns[k][i];
+            out.push(
+                t - r.t_s()[0],
+                std::array::from_fn(at),
+                std::array::from_fn(|k| at(3 + k)),
+            );
         }
     }
     if out.t_s.len() < 5 {

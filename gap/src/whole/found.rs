@@ -298,6 +298,22 @@ fn members(
     last.members.iter().enumerate().map(one).collect()
 }
 
+/// What explains the loads of all joints as well: a film is too coarse to show whether friction or mass made them larger (emulated
+/// robots: the windows' cost with the one over that with the other is 1.00 to 1.04 whichever is true).
+fn twin(d: &Parts, effect: Effect) -> Option<Rival> {
+    let mut bases = d.data.runs.iter().filter_map(|r| r.base.as_ref());
+    let other = match effect {
+        Effect::Mass => Effect::GroundFriction,
+        Effect::GroundFriction => Effect::Mass,
+        _ => return None,
+    };
+    bases.any(|b| b.filmed.is_some()).then_some(Rival {
+        effect: other,
+        joint: None,
+        margin: 0.0,
+    })
+}
+
 /// Joints that must agree on a clock for it to be the robot's.
 const ONE_CLOCK: usize = 3;
 
@@ -351,7 +367,7 @@ fn all(d: &Parts) -> Vec<Item> {
         parameters: BTreeMap::from([(r.key.to_string(), r.estimate.clone())]),
         gain: r.gain,
         strength: r.strength(),
-        rivals: Vec::new(),
+        rivals: twin(d, r.effect).into_iter().collect(),
         place: Place::Direct,
         plausible: true,
     }));
@@ -463,6 +479,8 @@ pub(super) fn separate_by(effects: &[Effect]) -> &'static str {
         "record applied_setpoint_rad as the driver echoes it, and a chirp up to 1 Hz in the air"
     } else if has(Effect::Backlash) || has(Effect::Compliance) || has(Effect::Deadband) {
         "record link_position_rad, and slow reversals under load"
+    } else if has(Effect::Mass) {
+        "weigh the robot, or record base_* with a tracker"
     } else if has(Effect::GroundFriction) || has(Effect::FrictionAnisotropy) {
         "record gaits in two headings, the robot turned by 90 degrees on the same spot"
     } else if has(Effect::GroundSlope) || has(Effect::ComOffset) {

@@ -123,6 +123,8 @@ fn measured(d: &Parts, e: Effect) -> Option<String> {
 pub(super) fn unseen(d: &Parts, settings: &Settings) -> Vec<Unseen> {
     let torque = d.joints.iter().any(|f| f.tier.torque);
     let found = items(d);
+    let mut bases = d.data.runs.iter().filter_map(|r| r.base.as_ref());
+    let filmed = bases.any(|b| b.filmed.is_some());
     let mut out = Vec::new();
     for e in Effect::ALL
         .iter()
@@ -164,6 +166,9 @@ pub(super) fn unseen(d: &Parts, settings: &Settings) -> Vec<Unseen> {
             }
             _ if d.body.is_none() && e.stage() == Stage::Body => {
                 "no run has the base pose and all six positions"
+            }
+            _ if e.stage() == Stage::Camera && filmed => {
+                "the base pose was read off the film itself; record base_* to judge the camera"
             }
             _ => "no signal of this data set shows it, or the model holds no nominal value for it",
         };

@@ -95,7 +95,7 @@ fn tracked(base: &BaseTrack, t_s: f64) -> Option<Motion> {
 }
 
 /// Joint angles of a run from `from_s` on, the link side where measured; `None` where a joint was not measured.
-fn angles(run: &Run, from_s: f64, samples: usize) -> Option<Vec<f64>> {
+pub(super) fn angles(run: &Run, from_s: f64, samples: usize) -> Option<Vec<f64>> {
     let mut out = vec![0.0; samples * JOINTS];
     for (k, j) in run.joints.iter().enumerate() {
         let track = j.link.as_ref().or(j.position.as_ref())?;

@@ -117,7 +117,7 @@ pub(super) fn floors(plan: &Plan, gaits: &[Gait], truth: &Reality) -> Option<Vec
     let sizes = without.iter().zip(film).map(|(s, film)| {
         let of =
             |range: &mut dyn Iterator<Item = usize>| range.map(|c| size(s, c)).fold(0.0, f64::max);
-        let film = if plan.filmed { film } else { 0.0 };
+        let film = if plan.seen_by.camera() { film } else { 0.0 };
         let main = of(&mut (0..JOINTS)).max(of(&mut pose.clone())).max(film);
         (main, of(&mut (0..CHANNELS)).max(film))
     });

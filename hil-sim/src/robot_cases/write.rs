@@ -40,7 +40,7 @@ pub(super) fn manifest(plan: &Plan, gaits: &[Gait]) -> String {
         "format = 1\nrobot = \"metamodule\"\nname = \"blind case {}\"\n\n[metamodule]\nmodel = \"model.toml\"\n",
         plan.name
     );
-    if plan.filmed {
+    if plan.seen_by.camera() {
         let _ = write!(
             s,
             "\n[camera]\nheight_m = {{ value = {CAMERA_HEIGHT_M:?}, tolerance = 0.01 }}\nx_m = {{ value = 0.0, tolerance = 0.005 }}\n\
@@ -58,7 +58,7 @@ pub(super) fn manifest(plan: &Plan, gaits: &[Gait]) -> String {
                 "\n[[run]]\nfile = \"{name}.csv\"\ngait = \"{}\"\n",
                 gait.name()
             );
-            if plan.filmed {
+            if plan.seen_by.camera() {
                 let _ = writeln!(s, "frames = \"{name}_film\"");
             }
         }
@@ -77,22 +77,31 @@ const COLUMNS: [&str; 7] = [
     "temperature_c",
 ];
 
-pub(super) fn csv(track: &[Sample], noise: &mut Rng) -> String {
+pub(super) fn csv(track: &[Sample], tracked: bool, noise: &mut Rng) -> String {
     let mut s = String::from("t_s,bus_v");
     for k in 0..JOINTS {
         for column in COLUMNS {
             let _ = write!(s, ",{column}_{k}");
         }
     }
-    s.push_str(",gyro_rad_s_x,gyro_rad_s_y,gyro_rad_s_z,accel_m_s2_x,accel_m_s2_y,accel_m_s2_z");
-    s.push_str(",base_x_m,base_y_m,base_z_m,base_qw,base_qx,base_qy,base_qz\n");
+    if tracked {
+        s.push_str(
+            ",gyro_rad_s_x,gyro_rad_s_y,gyro_rad_s_z,accel_m_s2_x,accel_m_s2_y,accel_m_s2_z",
+        );
+        s.push_str(",base_x_m,base_y_m,base_z_m,base_qw,base_qx,base_qy,base_qz");
+    }
+    s.push('\n');
     for (row, sample) in track.iter().enumerate() {
-        line(&mut s, row, sample, noise);
+        joints(&mut s, sample, noise);
+        if tracked {
+            base(&mut s, row, sample, noise);
+        }
+        s.push('\n');
     }
     s
 }
 
-fn line(s: &mut String, row: usize, x: &Sample, noise: &mut Rng) {
+fn joints(s: &mut String, x: &Sample, noise: &mut Rng) {
     let mut n = |sigma: f64| sigma * noise.normal();
     let _ = write!(s, "{:.3},{:.2}", x.t_s, x.bus_v + n(BUS_V));
     for k in 0..JOINTS {
@@ -108,6 +117,10 @@ fn line(s: &mut String, row: usize, x: &Sample, noise: &mut Rng) {
             x.case_c[k]
         );
     }
+}
+
+fn base(s: &mut String, row: usize, x: &Sample, noise: &mut Rng) {
+    let mut n = |sigma: f64| sigma * noise.normal();
     for v in x.gyro_rad_s {
         let _ = write!(s, ",{:.4}", v + n(GYRO_RAD_S));
     }
@@ -125,7 +138,6 @@ fn line(s: &mut String, row: usize, x: &Sample, noise: &mut Rng) {
     } else {
         s.push_str(",,,,,,,");
     }
-    s.push('\n');
 }
 
 /// A quaternion turned by a small angle, normalised.

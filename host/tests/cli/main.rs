@@ -13,6 +13,7 @@ mod foreign_reality;
 mod foreign_robot;
 mod gap_data;
 mod gap_files;
+mod gap_film;
 mod gap_runs;
 mod hybrid;
 mod matching;

@@ -6,6 +6,7 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use hil_sim::bench_cases;
+use hil_sim::robot_cases::SeenBy;
 use serde_json::{Value, json};
 
 use super::{blind_whole, input, score_joint};
@@ -48,6 +49,9 @@ pub(super) struct Args {
     /// Add silhouettes to the case of --make-case
     #[arg(long)]
     filmed: bool,
+    /// Leave base pose and inertial sensor out of that case: the silhouettes alone show where the robot is
+    #[arg(long, requires = "filmed")]
+    untracked: bool,
 }
 
 /// Number of the first of the further nulls.
@@ -116,8 +120,12 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
             let load = |p: &PathBuf| crate::gait_file::load(p);
             args.gait.iter().map(load).collect::<Outcome<Vec<_>>>()?
         };
-        let (seed, filmed) = (args.seed, args.filmed);
-        return blind_whole::make_case(causes, &gaits, seed, filmed, &args.output, context);
+        let seen_by = match (args.filmed, args.untracked) {
+            (_, true) => SeenBy::Camera,
+            (true, false) => SeenBy::TrackerAndCamera,
+            (false, false) => SeenBy::Tracker,
+        };
+        return blind_whole::make_case(causes, &gaits, args.seed, seen_by, &args.output, context);
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = if args.jobs == 0 { cores } else { args.jobs };

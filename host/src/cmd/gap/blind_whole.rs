@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use control::gait::Gait;
-use hil_sim::robot_cases::{self, Case, Label, Plan, Planted, RobotCaseError};
+use hil_sim::robot_cases::{self, Case, Label, Plan, Planted, RobotCaseError, SeenBy};
 use serde_json::{Value, json};
 
 use super::{blind, input, score_whole, shipped};
@@ -100,7 +100,7 @@ pub(super) fn make_case(
     causes: &str,
     gaits: &[Gait],
     seed: u64,
-    filmed: bool,
+    seen_by: SeenBy,
     folder: &Path,
     context: &Context,
 ) -> Outcome {
@@ -113,7 +113,11 @@ pub(super) fn make_case(
         name: causes.to_owned(),
         kind: "by name",
         seed,
-        filmed: filmed || camera,
+        seen_by: if camera && !seen_by.camera() {
+            SeenBy::TrackerAndCamera
+        } else {
+            seen_by
+        },
         planted,
         ..robot_cases::plan(seed, 1000)
     };

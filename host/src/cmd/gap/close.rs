@@ -13,7 +13,7 @@ use control::gait::Gait;
 use control::kinematics;
 use control::robot::JOINTS;
 use files::model::{Key, Model};
-use hil_sim::robot_cases::{self, Plan, Ride};
+use hil_sim::robot_cases::{self, Plan, Ride, SeenBy};
 use optimise::search::Search;
 use optimise::select::select;
 use optimise::settings::SearchSettings;
@@ -327,7 +327,7 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
         kind: "by name",
         planted: blind_whole::parse(&args.plant, args.seed)?,
         duration_s: args.duration,
-        filmed: false,
+        seen_by: SeenBy::Tracker,
         ..robot_cases::plan(args.seed, 1000)
     };
     let films = Films::new(context)?;
