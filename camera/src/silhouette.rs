@@ -268,9 +268,9 @@ impl Silhouette {
 
     /// Pixels (x, y) of the robot, row by row.
     pub fn marked(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
-        let columns = self.robot.left * 64..self.robot.right * 64;
+        let columns = |y| (self.robot.left * 64..self.robot.right * 64).map(move |x| (x, y));
         (self.robot.top..self.robot.bottom)
-            .flat_map(move |y| columns.clone().map(move |x| (x, y)))
+            .flat_map(columns)
             .filter(|&(x, y)| self.get(x, y))
     }
 
