@@ -3,7 +3,7 @@
 use control::gait::Gait;
 use files::dataset::Signal;
 use files::dataset::{Manifest, Recording};
-use hil_sim::robot_cases::{Case, Plan, case, plan, planted};
+use hil_sim::robot_cases::{Case, Plan, SeenBy, case, plan, planted};
 
 fn gait(name: &str) -> Gait {
     let path = format!("{}/../gaits/{name}.toml", env!("CARGO_MANIFEST_DIR"));
@@ -19,7 +19,7 @@ fn short(causes: &[(&str, Option<usize>, &[f64])]) -> Plan {
     Plan {
         planted,
         duration_s: 3.0,
-        filmed: false,
+        seen_by: SeenBy::Tracker,
         ..plan(1, 1000)
     }
 }
@@ -121,7 +121,7 @@ fn a_suite_holds_its_shares_and_every_effect_can_be_made() {
         let p = Plan {
             planted: vec![cause.expect("known")],
             duration_s: 1.0,
-            filmed: true,
+            seen_by: SeenBy::TrackerAndCamera,
             ..plan(1, 1000)
         };
         let made = case(&p, &gaits).unwrap_or_else(|e| panic!("{effect}: {e}"));
