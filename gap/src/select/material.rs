@@ -1,7 +1,7 @@
 //! The last word on every effect: what is not worth its place in the finished model leaves it.
 
-use super::{Found, Node, Search};
-use crate::fit::{Model, Objective};
+use super::{Found, Node, PULL, Search};
+use crate::fit::{Free, Model, Objective};
 use crate::joint::P;
 use crate::vocabulary::Effect;
 
@@ -54,7 +54,9 @@ impl Search<'_> {
         let base = found.candidate.effect.is_base();
         // A base parameter has shown beforehand that it left its tolerance.
         let gains = self.enough(loss / self.scale(now, first)) || base && loss > 0.0;
-        gains && !self.is_nothing(&node.model, found) && self.holds(&node.model, bare, first)
+        gains
+            && !self.is_nothing(&node.model, found)
+            && (base && strained(bare, found) || self.holds(&node.model, bare, first))
     }
 
     /// Whether an effect is too small to be one: a clock that is off by less than a step at the end of the longest run moves
@@ -76,4 +78,11 @@ impl Search<'_> {
         let (with, without) = (costs[0], costs[1]);
         without - with > UNSEEN_GAIN * self.scale(with, first)
     }
+}
+
+/// Whether the model without `found` holds one of its parameters by leaving that one's tolerance all the same.
+fn strained(bare: &Model, found: &Found) -> bool {
+    let own = |f: &&Free| found.candidate.free.iter().any(|c| c.p == f.p);
+    let beyond = |f: &Free| f.pull(bare.params.get(f.p)).abs() > PULL;
+    bare.free.iter().filter(own).any(beyond)
 }
