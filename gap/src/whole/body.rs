@@ -399,6 +399,17 @@ impl Tier {
             .collect()
     }
 
+    /// Position error at the end of every window, m.
+    pub(super) fn ends_m(&self, theta: &[f64]) -> Vec<f64> {
+        let outcomes = windows::run(&self.trials(theta), &windows::options(false));
+        let one = |(o, t): (&Outcome, &[Target; SAMPLES])| {
+            let (p, _) = simulated(o, SAMPLES - 1)?;
+            let d = (0..3).map(|k| (p[k] - t[SAMPLES - 1].pose.0[k]).powi(2));
+            Some(d.sum::<f64>().sqrt())
+        };
+        outcomes.iter().zip(&self.targets).filter_map(one).collect()
+    }
+
     /// Position and heading error at the end of every window, by group: RMS, m and rad.
     pub(super) fn errors(&self, theta: &[f64]) -> Vec<[f64; 2]> {
         let outcomes = windows::run(&self.trials(theta), &windows::options(false));

@@ -5,7 +5,7 @@ use super::body::{B, Tier};
 use super::body_library::{candidates, coordinates};
 use super::data::JOINTS;
 use super::inertial;
-use super::search::{Answer, Candidate, Coordinate, Evaluate, Limits, Search};
+use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Search};
 use crate::math;
 use crate::vocabulary::Effect;
 
@@ -19,6 +19,10 @@ const CALIBRATED: f64 = 0.10;
 /// Cost above which contacts are taken to follow another law than the simulator's: emulated robots stay below 2, with what the
 /// library explains taken out.
 const FOREIGN: f64 = 4.0;
+
+/// How much nearer the ends of half the windows must come for an effect to be kept where another engine's contacts drown its gain:
+/// on robots without a cause that another engine played no effect is found at all.
+const NEARER: f64 = 0.8;
 
 /// What was found about the body.
 pub(super) struct Found {
@@ -117,10 +121,20 @@ pub(super) fn diagnose(mut tier: Tier, withhold: &[Effect]) -> Found {
         }
     }
     conventions(&mut tier, &start);
-    let mut answer = seek(&tier, &coordinates, &candidates, &start);
+    let seek = |tier: &Tier, sure: Option<&Fit>| {
+        let searched = Searched {
+            tier,
+            coordinates: &coordinates,
+            candidates: &candidates,
+        };
+        searched.seek(&start, sure)
+    };
+    let mut answer = seek(&tier, None);
+    let mut sure = telling(&tier, &answer);
     // Wider than two honest engines differ only where a remainder would be claimed.
     while answer.last().cost > (if tier.exact() { FOREIGN } else { REMAINDER }) && tier.widen() {
-        answer = seek(&tier, &coordinates, &candidates, &start);
+        answer = seek(&tier, sure.as_ref());
+        sure = sure.or_else(|| telling(&tier, &answer));
     }
     let unsteady = tier.unsteady(&answer.last().theta);
     Found {
@@ -135,48 +149,63 @@ fn steep(slope: [f64; 2]) -> bool {
     slope.iter().any(|x| x.abs() > 3.0 * inertial::SLOPE_RAD)
 }
 
-/// One search, from the slope that is known.
-fn seek(
-    tier: &Tier,
-    coordinates: &[Coordinate],
-    candidates: &[Candidate],
-    start: &[f64],
-) -> Answer {
-    let nominal: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
-    let [share, relative] = if tier.exact() { GAINS } else { GAINS_BLIND };
-    let limits = Limits {
-        share,
-        least: 0.1,
-        relative,
-        of_first: 0.03,
-        floor: 1.0,
-        // A window is one independent trial of the body.
-        independent: (tier.len() as f64).clamp(10.0, 1000.0),
-        most: 4,
-        beyond: 3.0,
-        refined: 4,
-        iterations: 3,
-        rough: true,
-    };
-    let search = Search {
-        model: tier,
-        coordinates,
-        candidates,
-        limits,
-    };
-    let known = candidates
-        .iter()
-        .position(|c| c.effect == Effect::GroundSlope);
-    let first = known
-        .filter(|_| tier.slope.is_some_and(steep))
-        .map(|c| search.fit(start, &[c], 3));
-    let base = search.fit(&nominal, &[], 3);
-    let mut answer = search.answer_with(base, nominal.clone(), first);
-    if !worth(tier, &answer, &nominal) {
-        let plain = search.fit(&nominal, &[], 0);
-        answer.steps[0] = plain;
+/// Effects that the windows show in spite of another engine's contacts: their ends come nearer by far, whatever the floor is.
+fn telling(tier: &Tier, answer: &Answer) -> Option<Fit> {
+    let ends = |theta: &[f64]| math::median(&tier.ends_m(theta));
+    let last = answer.last();
+    let found = !last.members.is_empty();
+    (found && ends(&last.theta) < NEARER * ends(&answer.steps[0].theta)).then(|| last.clone())
+}
+
+/// What is searched.
+struct Searched<'a> {
+    tier: &'a Tier,
+    coordinates: &'a [Coordinate],
+    candidates: &'a [Candidate],
+}
+
+impl Searched<'_> {
+    /// One search, from the slope that is known and from what is `sure`.
+    fn seek(&self, start: &[f64], sure: Option<&Fit>) -> Answer {
+        let tier = self.tier;
+        let nominal: Vec<f64> = self.coordinates.iter().map(|c| c.neutral).collect();
+        let [share, relative] = if tier.exact() { GAINS } else { GAINS_BLIND };
+        let limits = Limits {
+            share,
+            least: 0.1,
+            relative,
+            of_first: 0.03,
+            floor: 1.0,
+            // A window is one independent trial of the body.
+            independent: (tier.len() as f64).clamp(10.0, 1000.0),
+            most: 4,
+            beyond: 3.0,
+            refined: 4,
+            iterations: 3,
+            rough: true,
+        };
+        let search = Search {
+            model: tier,
+            coordinates: self.coordinates,
+            candidates: self.candidates,
+            limits,
+        };
+        let sloped = (self.candidates.iter())
+            .position(|c| c.effect == Effect::GroundSlope)
+            .filter(|_| tier.slope.is_some_and(steep));
+        let first = match (sure, sloped) {
+            (Some(s), _) => Some(search.fit(&s.theta, &s.members, 3)),
+            (None, Some(c)) => Some(search.fit(start, &[c], 3)),
+            (None, None) => None,
+        };
+        let base = search.fit(&nominal, &[], 3);
+        let mut answer = search.answer_with(base, nominal.clone(), first);
+        if !worth(tier, &answer, &nominal) {
+            let plain = search.fit(&nominal, &[], 0);
+            answer.steps[0] = plain;
+        }
+        answer
     }
-    answer
 }
 
 /// Whether the calibration explains enough of what is above the floor to be more than a fit to windows that fall to either side, and
