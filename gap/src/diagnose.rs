@@ -252,6 +252,7 @@ pub fn diagnose_watched(
         objective: objective.clone(),
         folds: folds(&merged, &objective.runs),
         library,
+        scales,
         floor_cost,
         independent,
         rich,

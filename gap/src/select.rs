@@ -4,7 +4,7 @@ mod exchange;
 mod material;
 mod propose;
 
-use crate::candidates::{self, Candidate};
+use crate::candidates::{self, Candidate, Scales};
 use crate::fit::{Model, Objective};
 use crate::joint::{P, Params};
 use crate::vocabulary::{Effect, Stage};
@@ -136,6 +136,8 @@ pub struct Search<'a> {
     pub folds: Vec<Vec<usize>>,
     /// Candidates.
     pub library: Vec<Candidate>,
+    /// Typical sizes in the data set.
+    pub scales: Scales,
     /// Cost of a perfect model.
     pub floor_cost: f64,
     /// Independent samples, for the weight of priors.

@@ -3,10 +3,13 @@
 use super::{Found, Node, PULL, Search};
 use crate::fit::{Free, Model, Objective};
 use crate::joint::P;
+use crate::names;
 use crate::vocabulary::Effect;
 
 /// Least gain of an effect on runs that no fit has seen, as a share of what is left: it may be small, but no loss.
 const UNSEEN_GAIN: f64 = 0.02;
+/// The same where the effect has a size that no robot has: it may stand for another law, and must be needed for it.
+const UNSEEN_GAIN_IMPLAUSIBLE: f64 = 0.10;
 
 impl Search<'_> {
     /// Takes out every effect without which the refitted model is as good: on held-out gaits, or on the runs that the
@@ -56,7 +59,7 @@ impl Search<'_> {
         let gains = self.enough(loss / self.scale(now, first)) || base && loss > 0.0;
         gains
             && !self.is_nothing(&node.model, found)
-            && (base && strained(bare, found) || self.holds(&node.model, bare, first))
+            && (base && strained(bare, found) || self.holds(node, found, bare, first))
     }
 
     /// Whether an effect is too small to be one: a clock that is off by less than a step at the end of the longest run moves
@@ -70,13 +73,18 @@ impl Search<'_> {
     }
 
     /// Whether the model with an effect does better than `bare` on runs that neither was fitted to.
-    fn holds(&self, model: &Model, bare: &Model, first: f64) -> bool {
+    fn holds(&self, node: &Node, found: &Found, bare: &Model, first: f64) -> bool {
         let Some(check) = &self.check else {
             return true;
         };
-        let costs = check.data_costs(&[model.params, bare.params]);
+        let costs = check.data_costs(&[node.model.params, bare.params]);
         let (with, without) = (costs[0], costs[1]);
-        without - with > UNSEEN_GAIN * self.scale(with, first)
+        let least = if names::plausible(&found.candidate, &node.model.params, &self.scales) {
+            UNSEEN_GAIN
+        } else {
+            UNSEEN_GAIN_IMPLAUSIBLE
+        };
+        without - with > least * self.scale(with, first)
     }
 }
 
