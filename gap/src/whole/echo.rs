@@ -49,6 +49,14 @@ impl Echo {
         }
         let mut out = sent.or(applied)?.clone();
         out.t_s.iter_mut().for_each(|t| *t /= self.skew);
+        if let (Some(a), Some(last)) = (applied, out.t_s.last().copied()) {
+            // A robot whose clock is fast ends with set-points that were sent after the recording; its echo has them.
+            let half = 0.5 * a.period_s();
+            for (t, v) in a.t_s.iter().zip(&a.v).filter(|(t, _)| **t > last + half) {
+                out.t_s.push(t - half);
+                out.v.push(*v);
+            }
+        }
         if self.step_rad > 0.0
             && let Some(a) = applied
         {
