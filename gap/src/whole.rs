@@ -211,6 +211,17 @@ pub fn diagnose(
     let mut direct = direct::read(&data, &mut conventions, &settings.withhold);
     let body = body::Tier::new(&data, model, &params, &fit_runs)
         .map(|tier| body::diagnose(tier, &settings.withhold));
+    // Where readings stand in another order too, all that follows looks at each joint's own.
+    let order = body.as_ref().map(|b| b.tier.order);
+    let moved = order.filter(|o| o.iter().enumerate().any(|(k, from)| k != *from));
+    let data = match moved {
+        Some(order) => Arc::new(data.reordered(&order)),
+        None => data,
+    };
+    if moved.is_some() {
+        conventions = conventions::find(&data);
+        direct = direct::read(&data, &mut conventions, &settings.withhold);
+    }
     // Loads on the joints come from the body as it was found to be.
     let found = body
         .as_ref()
@@ -266,6 +277,9 @@ pub fn diagnose(
     let mut scored = body::Tier::new(&data, model, &params, &score_runs);
     if let (Some(s), Some(b)) = (&mut scored, &body) {
         s.adopt(&b.tier);
+        if moved.is_some() {
+            s.order = std::array::from_fn(|k| k);
+        }
     }
     let mut score = Score::new(
         &data,

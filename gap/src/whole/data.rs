@@ -291,6 +291,16 @@ impl Data {
         Self { runs, gaits }
     }
 
+    /// The same with the tracks of joint `k` taken from column `order[k]`.
+    #[must_use]
+    pub fn reordered(&self, order: &[usize; JOINTS]) -> Self {
+        let mut out = self.clone();
+        for (to, from) in out.runs.iter_mut().zip(&self.runs) {
+            to.joints = std::array::from_fn(|k| from.joints[order[k]].clone());
+        }
+        out
+    }
+
     /// Whether any run has the signal that `of` picks, for joint `k`.
     pub fn has(&self, k: usize, of: impl Fn(&JointTracks) -> bool) -> bool {
         self.runs.iter().any(|r| of(&r.joints[k]))
