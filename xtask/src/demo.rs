@@ -23,6 +23,7 @@ pub(crate) fn run() -> Result<()> {
             gait,
             "--duration",
             "30s",
+            "--force",
             "--record",
             &recording,
         ],
