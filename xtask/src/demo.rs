@@ -29,7 +29,10 @@ pub(crate) fn run() -> Result<()> {
         ],
     )?;
     sh::run(&rb_host, &["rec", "check", &recording])?;
-    sh::run(&rb_host, &["rec", "plot", &recording, "--output", &picture])?;
+    sh::run(
+        &rb_host,
+        &["rec", "plot", &recording, "--force", "--output", &picture],
+    )?;
     eprintln!("\nThe recording opens in Foxglove, PlotJuggler or Rerun: {recording}");
     eprintln!("The picture opens in any browser:                     {picture}");
     Ok(())
