@@ -1,7 +1,8 @@
 //! The whole robot: six joints, body, camera, from recordings to verdict.
 //!
 //! Three tiers, each cut out of the loop by measured signals: every joint alone against loads replayed from the measured motion
-//! ([`joints`]), the body in short windows led along the measured angles ([`body`]), the camera against the measured pose.
+//! ([`joints`]), the body in short windows led along the measured angles ([`body`]), the camera against the measured pose. Where no
+//! tracker recorded a pose, it is read off the film first ([`film`]).
 
 mod answer;
 mod belief;

@@ -53,6 +53,10 @@ const LEAST: f64 = 0.75;
 const OUTLINE_PX: f64 = 0.15;
 /// Heading by which the simulator may be off after a frame, rad.
 const HEADING_RAD: f64 = 0.05;
+/// Heading of a robot that was put down: any.
+const ANY_RAD: f64 = 10.0;
+/// Turns and shifts at a frame, one after the other: a turn moves the centre of the outline too (chosen).
+const ROUNDS: usize = 2;
 /// Error of the tilt, which the simulator alone tells, rad, and of the height, m.
 const TILT_RAD: f64 = 0.03;
 const HEIGHT_M: f64 = 4e-3;
@@ -254,24 +258,18 @@ impl Stage {
         mut pose: Pose,
         trust_rad: f64,
     ) -> Option<(Pose, f64, f64)> {
+        let axis = |m: &[f64; 5]| 0.5 * libm::atan2(m[4], m[3]);
+        let long_px = shot.moments[3].hypot(shot.moments[4]).max(1e-3);
+        let error_rad = (0.5 * OUTLINE_PX / long_px).max(AXES_RAD);
+        let gain = trust_rad * trust_rad / (trust_rad * trust_rad + error_rad * error_rad);
         let mut heading_rad = 0.0;
-        for round in 0..3 {
-            let outline = self.render(run, shot.t_s, &pose)?;
-            let m = tier::moments(&outline)?;
-            if round == 2 {
-                let overlap = similarity::ratio(shot.frame, &outline).ok().flatten()?;
-                return Some((pose, heading_rad, overlap));
-            }
-            let axis = |m: &[f64; 5]| 0.5 * libm::atan2(m[4], m[3]);
+        for _ in 0..ROUNDS {
+            let m = tier::moments(&self.render(run, shot.t_s, &pose)?)?;
             let mut off = axis(&m) - axis(&shot.moments);
             off -= std::f64::consts::PI * (off / std::f64::consts::PI).round();
-            let error =
-                (0.5 * OUTLINE_PX / shot.moments[3].hypot(shot.moments[4]).max(1e-3)).max(AXES_RAD);
-            let gain = trust_rad * trust_rad / (trust_rad * trust_rad + error * error);
             pose = turned(pose, gain * off);
             heading_rad += gain * off;
-            let outline = self.render(run, shot.t_s, &pose)?;
-            let m = tier::moments(&outline)?;
+            let m = tier::moments(&self.render(run, shot.t_s, &pose)?)?;
             let [x, y] = self.seen.way_m(
                 [shot.moments[0] - m[0], shot.moments[1] - m[1]],
                 f64::from(pose.position_m[2]),
@@ -279,7 +277,9 @@ impl Stage {
             pose.position_m[0] += x as f32;
             pose.position_m[1] += y as f32;
         }
-        None
+        let outline = self.render(run, shot.t_s, &pose)?;
+        let overlap = similarity::ratio(shot.frame, &outline).ok().flatten()?;
+        Some((pose, heading_rad, overlap))
     }
 
     /// Overlap over union of a frame with a simulated run.
@@ -296,30 +296,21 @@ impl Stage {
 
     /// Ways of lying, rested and turned as the first frame shows it; the best of them.
     fn lies(&self, run: &Run, first: &Shot<'_>) -> Option<Vec<Way>> {
-        let still = |n: usize| {
-            let one = windows::angles(run, first.t_s, 1)?;
-            Some(
-                one.iter()
-                    .copied()
-                    .cycle()
-                    .take(n * JOINTS)
-                    .collect::<Vec<f64>>(),
-            )
-        };
-        let samples = (REST_S / PERIOD_S) as usize + 1;
-        let home = self.play(vec![(Start::Home, still(samples)?)])?;
+        let angles = windows::angles(run, first.t_s, 1)?;
+        let still = held(&angles, REST_S);
+        let home = self.play(vec![(Start::Home, still.clone())])?;
         let pose = home.first()?.first().copied()?;
         let laid = LIES.iter().map(|[x, y]| {
             let turn = turn::times(turn::exp([*x, 0.0, 0.0]), turn::exp([0.0, *y, 0.0]));
             let pose = self.laid(run, first.t_s, pose, turn)?;
-            Some((rest(pose, &still(1)?), still(samples)?))
+            Some((rest(pose, &angles), still.clone()))
         });
         let rested = self.play(laid.collect::<Option<Vec<_>>>()?)?;
         let mut ways: Vec<Way> = Vec::new();
         for (i, poses) in rested.iter().enumerate() {
             for heading in [0.0, std::f64::consts::PI] {
                 let pose = turned(*poses.last()?, heading);
-                if let Some((pose, _, overlap)) = self.correct(run, first, pose, 10.0) {
+                if let Some((pose, _, overlap)) = self.correct(run, first, pose, ANY_RAD) {
                     let mut way = Way::new(pose, i == 0);
                     way.overlaps.push(overlap);
                     ways.push(way);
@@ -389,13 +380,7 @@ impl Stage {
             return Some(());
         }
         let angles = windows::angles(run, shot.t_s, 1)?;
-        let samples = (TIP_S / PERIOD_S) as usize + 1;
-        let still: Vec<f64> = angles
-            .iter()
-            .copied()
-            .cycle()
-            .take(samples * JOINTS)
-            .collect();
+        let still = held(&angles, TIP_S);
         let mut starts = Vec::new();
         for size in TIPS_RAD {
             for eighth in 0..8 {
@@ -410,7 +395,7 @@ impl Stage {
             }
         }
         for poses in self.play(starts)? {
-            let Some((pose, _, overlap)) = self.correct(run, shot, *poses.last()?, 10.0) else {
+            let Some((pose, _, overlap)) = self.correct(run, shot, *poses.last()?, ANY_RAD) else {
                 continue;
             };
             if overlap > now(&best) + HOME {
@@ -439,6 +424,12 @@ impl Stage {
             1.1 * self.robot.ball_radius_m() - height.fold(f32::INFINITY, f32::min);
         Some(pose)
     }
+}
+
+/// Angles held for a while, one sample every [`PERIOD_S`].
+fn held(angles: &[f64], duration_s: f64) -> Vec<f64> {
+    let samples = (duration_s / PERIOD_S) as usize + 1;
+    angles.repeat(samples)
 }
 
 /// At rest with the joints held.

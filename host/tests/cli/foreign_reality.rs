@@ -20,7 +20,7 @@ const CASES: [(&str, Option<&str>); 10] = [
     ("coulomb_position_only", Some("coulomb_friction")),
 ];
 
-pub(crate) fn python() -> Option<PathBuf> {
+fn python() -> Option<PathBuf> {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
     let python = target.join("venv/bin/python");
     let check = Command::new(&python)
@@ -36,7 +36,7 @@ fn sum(rows: &serde_json::Value, key: &str) -> f64 {
 }
 
 /// What holds for every verdict.
-pub(crate) fn contract(name: &str, v: &serde_json::Value) {
+fn contract(name: &str, v: &serde_json::Value) {
     assert_eq!(v["schema"], "rb.gap/1", "{name}");
     assert!((sum(&v["where"], "share") - 1.0).abs() < 1e-6, "{name}");
     let rest = |k: &str| v["probabilities"][k].as_f64().unwrap();
@@ -57,31 +57,46 @@ fn named(v: &serde_json::Value, effect: &str) -> bool {
     rows("effects").iter().any(|e| e["effect"] == effect) || rows("ambiguous").iter().any(class)
 }
 
-#[test]
-fn joints_of_another_engine_are_diagnosed() {
+/// Data sets `names` that `script` plays in a folder of `test`; `None`, said loudly, without MuJoCo.
+pub(crate) fn played(test: &str, script: &str, names: &[&str]) -> Option<Folder> {
     let Some(python) = python() else {
         skip(
-            "joints_of_another_engine_are_diagnosed",
+            test,
             "no MuJoCo in target/venv; `cargo xtask setup` puts it there",
         );
-        return;
+        return None;
     };
-    let folder = Folder::new("foreign_reality");
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/foreign/bench_cases.py");
+    let folder = Folder::new(test);
+    let scripts = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/foreign");
     let made = Command::new(python)
-        .arg(script)
+        .arg(scripts.join(script))
         .arg(folder.path(""))
-        .args(CASES.map(|c| c.0))
+        .args(names)
         .output()
         .unwrap();
     let complaint = String::from_utf8_lossy(&made.stderr);
     assert!(made.status.success(), "{complaint}");
+    Some(folder)
+}
+
+/// The verdict on a data set that is in order, itself as its schema wants it.
+pub(crate) fn verdict(folder: &Folder, name: &str) -> serde_json::Value {
+    rb(folder, &["rec", "check", name]).expect(0);
+    let v = rb(folder, &["--json", "gap", "report", name])
+        .expect(0)
+        .json();
+    contract(name, &v);
+    v
+}
+
+#[test]
+fn joints_of_another_engine_are_diagnosed() {
+    let test = "joints_of_another_engine_are_diagnosed";
+    let Some(folder) = played(test, "bench_cases.py", &CASES.map(|c| c.0)) else {
+        return;
+    };
     for (name, cause) in CASES {
-        rb(&folder, &["rec", "check", name]).expect(0);
-        let v = rb(&folder, &["--json", "gap", "report", name])
-            .expect(0)
-            .json();
-        contract(name, &v);
+        let v = verdict(&folder, name);
         match cause {
             Some(cause) => assert!(named(&v, cause), "{name}: {}", v["sentence"]),
             None => assert_eq!(v["verdict"], "none", "{name}: {}", v["sentence"]),

@@ -1,11 +1,7 @@
 //! `gap report` on robots that MuJoCo and the servo law of `tests/foreign/walker_reality.py` play: bodies, contacts and
 //! integrator are another engine's. Skipped, loudly, where the environment of `cargo xtask setup` has no MuJoCo.
 
-use std::path::Path;
-use std::process::Command;
-
-use crate::foreign_reality::{contract, python};
-use crate::rig::{Folder, rb, skip};
+use crate::foreign_reality::{played, verdict};
 
 /// Cases of the script, and effect and joint that cause their gap; none for the robot that is as stated.
 const CASES: [(&str, Option<(&str, u64)>); 2] =
@@ -13,29 +9,12 @@ const CASES: [(&str, Option<(&str, u64)>); 2] =
 
 #[test]
 fn robots_of_another_engine_are_diagnosed() {
-    let Some(python) = python() else {
-        skip(
-            "robots_of_another_engine_are_diagnosed",
-            "no MuJoCo in target/venv; `cargo xtask setup` puts it there",
-        );
+    let test = "robots_of_another_engine_are_diagnosed";
+    let Some(folder) = played(test, "walker_reality.py", &CASES.map(|c| c.0)) else {
         return;
     };
-    let folder = Folder::new("foreign_robot");
-    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/foreign/walker_reality.py");
-    let made = Command::new(python)
-        .arg(script)
-        .arg(folder.path(""))
-        .args(CASES.map(|c| c.0))
-        .output()
-        .unwrap();
-    let complaint = String::from_utf8_lossy(&made.stderr);
-    assert!(made.status.success(), "{complaint}");
     for (name, cause) in CASES {
-        rb(&folder, &["rec", "check", name]).expect(0);
-        let v = rb(&folder, &["--json", "gap", "report", name])
-            .expect(0)
-            .json();
-        contract(name, &v);
+        let v = verdict(&folder, name);
         let found = v["effects"].as_array().unwrap();
         match cause {
             None => assert_eq!(v["verdict"], "none", "{name}: {}", v["sentence"]),
