@@ -156,7 +156,57 @@ fn core_crates_reach_no_port_and_no_terminal() {
     }
 }
 
-/// Words a core crate must not contain outside comments: clocks, files, environment, platform arithmetic.
+/// Lines with their indices, without comments, of a file of a core crate; none of any other file.
+fn core_lines<'a>(file: &str, text: &'a str) -> impl Iterator<Item = (usize, &'a str)> {
+    const CORE: [&str; 8] = [
+        "control/src",
+        "protocol/src",
+        "files/src",
+        "physics/src",
+        "swarm/src",
+        "camera/src",
+        "optimise/src",
+        "gap/src",
+    ];
+    let core = file.ends_with(".rs") && CORE.iter().any(|folder| file.starts_with(folder));
+    let lines = text.lines().enumerate().filter(move |_| core);
+    lines.filter(|(_, line)| !line.trim_start().starts_with("//"))
+}
+
+/// Functions whose last bits hang on the platform: `libm` or our own stand in for them in core crates.
+#[test]
+fn core_crates_use_no_arithmetic_of_the_platform() {
+    const FUNCTIONS: [&str; 25] = [
+        "sin", "cos", "tan", "sin_cos", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh",
+        "asinh", "acosh", "atanh", "exp", "exp2", "exp_m1", "ln", "ln_1p", "log", "log2", "log10",
+        "powf", "cbrt", "hypot",
+    ];
+    // Scripts of the report's page, and the lanes' own sine.
+    let other = |file: &str, line: &str, function: &str| {
+        line.contains("Math.") || (function == "sin_cos" && file.starts_with("physics/src/engine/"))
+    };
+    let calls = |line: &str, function: &str| {
+        let passed = |of: &str| {
+            let name = format!("{of}{function}");
+            let mut rest = line.split(&name).skip(1);
+            rest.any(|rest| !rest.starts_with(|c: char| c.is_alphanumeric() || c == '_'))
+        };
+        line.contains(&format!(".{function}(")) || passed("f32::") || passed("f64::")
+    };
+    for (file, text) in tracked_texts() {
+        for (number, line) in core_lines(&file, &text) {
+            for function in FUNCTIONS {
+                assert!(
+                    !calls(line, function) || other(&file, line, function),
+                    "{file}:{}: {function} of the platform; use libm::{function}",
+                    number + 1
+                );
+            }
+        }
+    }
+}
+
+/// Words a core crate must not contain outside comments: clocks, files, environment.
 #[test]
 fn core_crates_read_no_clock_file_or_environment() {
     const FORBIDDEN: &[&str] = &[
@@ -171,24 +221,7 @@ fn core_crates_read_no_clock_file_or_environment() {
         "from_os_rng",
     ];
     for (file, text) in tracked_texts() {
-        let core = [
-            "control/src",
-            "protocol/src",
-            "files/src",
-            "physics/src",
-            "swarm/src",
-            "camera/src",
-            "optimise/src",
-            "gap/src",
-        ];
-        if !core.iter().any(|folder| file.starts_with(folder)) {
-            continue;
-        }
-        for (number, line) in text
-            .lines()
-            .enumerate()
-            .filter(|(_, line)| !line.trim_start().starts_with("//"))
-        {
+        for (number, line) in core_lines(&file, &text) {
             let hit = FORBIDDEN.iter().find(|word| line.contains(**word));
             assert!(
                 hit.is_none(),

@@ -50,7 +50,7 @@ fn fast_noise(problem: &Problem, channel: usize) -> f64 {
     if step > 3.0 * gauss && gauss > 0.0 {
         gauss
     } else {
-        gauss.hypot(step)
+        libm::hypot(gauss, step)
     }
 }
 
@@ -165,7 +165,7 @@ impl Floor {
             _ => MODEL_ERROR_DUTY,
         };
         let s = share * self.spread[channel];
-        self.of(channel).max(self.noise[channel]).hypot(s).max(1e-9)
+        libm::hypot(self.of(channel).max(self.noise[channel]), s).max(1e-9)
     }
 
     /// Weights of the cost: one over the tolerance of every measured channel.

@@ -40,7 +40,7 @@ pub fn parameters(problem: &Problem, c: &Candidate, params: &Params) -> Vec<(&'s
         Effect::TorqueRipple => {
             let (s, k) = (g(P::RippleSin), g(P::RippleCos));
             vec![
-                ("amplitude_nm", s.hypot(k)),
+                ("amplitude_nm", libm::hypot(s, k)),
                 ("periods", g(P::RipplePeriods)),
                 ("phase_rad", libm::atan2(k, s).rem_euclid(TAU)),
             ]

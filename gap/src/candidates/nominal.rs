@@ -43,7 +43,7 @@ fn plant(problem: &Problem, n: &Nominal, out: &mut Vec<Free>) {
         ));
     }
     if !volts(n) && measured(problem, Channel::Current) {
-        let known = k.speed.zip(k.supply).map(|(a, b)| a.hypot(b));
+        let known = k.speed.zip(k.supply).map(|(a, b)| libm::hypot(a, b));
         out.push(log(P::Ampere, known));
     }
     if volts(n) {

@@ -293,7 +293,7 @@ impl Tier {
             *slot = way;
             let tolerance = std::array::from_fn(|k| {
                 let own = covariance[(6 * i + k) * (NUMBERS + 1)];
-                own.sqrt().hypot(floor(&self.floor, k, way))
+                libm::hypot(own.sqrt(), floor(&self.floor, k, way))
             });
             if tolerance[..3]
                 .iter()
@@ -435,7 +435,7 @@ impl Tier {
 pub(super) fn anisotropy(theta: &[f64]) -> Option<(f64, f64)> {
     let polar = |c: B, s: B, sign: f64| {
         let (c, s) = (theta[c as usize], theta[s as usize]);
-        let strength = c.hypot(s);
+        let strength = libm::hypot(c, s);
         (strength > 0.0).then(|| (libm::exp(sign * strength), 0.5 * libm::atan2(s, c)))
     };
     polar(B::AnisotropyCos, B::AnisotropySin, 1.0)

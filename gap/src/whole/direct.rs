@@ -165,17 +165,20 @@ fn motors(data: &Data, conventions: &mut Conventions, out: &mut Vec<Reading>) {
             if what == 0 {
                 // Weighed against the type: a joint that hardly turns says little of its motor.
                 let [own, prior] = [error.max(1e-3), MOTOR[0]].map(|e| 1.0 / (e * e));
-                let off = (ratio - 1.0).abs() > BEYOND * prior.recip().sqrt().hypot(ERRORS * error);
+                let off = (ratio - 1.0).abs()
+                    > BEYOND * libm::hypot(prior.recip().sqrt(), ERRORS * error);
                 let weighed = (own * ratio + prior) / (own + prior);
                 conventions.per_ampere[k] = typical * if off { ratio } else { weighed };
             }
-            if (ratio - 1.0).abs() > BEYOND * MOTOR[what].hypot(ERRORS * error) {
+            if (ratio - 1.0).abs() > BEYOND * libm::hypot(MOTOR[what], ERRORS * error) {
                 out.push(Reading {
                     effect,
                     joint: Some(k),
                     key: "ratio",
                     estimate: exact(ratio, 1.96 * error),
-                    gain: ((ratio - 1.0) / MOTOR[what].hypot(error)).powi(2).min(1e3),
+                    gain: ((ratio - 1.0) / libm::hypot(MOTOR[what], error))
+                        .powi(2)
+                        .min(1e3),
                 });
             }
         }
@@ -253,7 +256,7 @@ pub(super) fn mass(ratios: &[f64], tolerance: f64) -> Option<Reading> {
     let agree = ratios.iter().filter(off).count();
     let spread = math::rms(&ratios.iter().map(|r| r - ratio).collect::<Vec<_>>());
     let error = spread / (ratios.len() as f64).sqrt();
-    let least = 3.0 * tolerance.hypot(0.5 * LOAD).hypot(error);
+    let least = 3.0 * libm::hypot(libm::hypot(tolerance, 0.5 * LOAD), error);
     ((ratio - 1.0).abs() > least && 3 * agree >= 2 * ratios.len()).then(|| Reading {
         effect: Effect::Mass,
         joint: None,

@@ -259,7 +259,7 @@ impl Stage {
         trust_rad: f64,
     ) -> Option<(Pose, f64, f64)> {
         let axis = |m: &[f64; 5]| 0.5 * libm::atan2(m[4], m[3]);
-        let long_px = shot.moments[3].hypot(shot.moments[4]).max(1e-3);
+        let long_px = libm::hypot(shot.moments[3], shot.moments[4]).max(1e-3);
         let error_rad = (0.5 * OUTLINE_PX / long_px).max(AXES_RAD);
         let gain = trust_rad * trust_rad / (trust_rad * trust_rad + error_rad * error_rad);
         let mut heading_rad = 0.0;

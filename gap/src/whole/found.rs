@@ -147,7 +147,9 @@ fn friction_parameters<'a>(effect: Effect, n: &'a Nominal) -> Vec<(&'static str,
         Effect::TorqueRipple => vec![
             (
                 "amplitude_nm",
-                Box::new(|t: &[f64]| t[J::RippleSin as usize].hypot(t[J::RippleCos as usize])),
+                Box::new(|t: &[f64]| {
+                    libm::hypot(t[J::RippleSin as usize], t[J::RippleCos as usize])
+                }),
             ),
             (
                 "periods",

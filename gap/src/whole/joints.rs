@@ -254,9 +254,9 @@ impl Tier {
         } else {
             math::median(&fast)
         };
-        let noise_rad = floor.hypot(timing_rad(&runs, data, k, conventions));
+        let noise_rad = libm::hypot(floor, timing_rad(&runs, data, k, conventions));
         let spread_rad = spread(&position);
-        let tolerance_rad = noise_rad.hypot(MODEL_ERROR * spread_rad).max(LEAST_RAD);
+        let tolerance_rad = libm::hypot(noise_rad, MODEL_ERROR * spread_rad).max(LEAST_RAD);
         let torque: Vec<f64> = runs.iter().flat_map(|r| servo::values(&r.effort)).collect();
         let twist: Vec<f64> = runs.iter().flat_map(|r| servo::values(&r.twist)).collect();
         let weight = [
@@ -444,10 +444,8 @@ pub(super) fn calibrate(tiers: &mut [Tier], model: &Model, conventions: &Convent
     let shares: Vec<f64> = tiers.par_iter().map(left).collect();
     let share = ROOM * math::quantile(&shares, MOST);
     for tier in tiers {
-        tier.tolerance_rad = tier
-            .noise_rad
-            .hypot(share.min(MODEL_ERROR) * tier.spread_rad)
-            .max(LEAST_RAD);
+        tier.tolerance_rad =
+            libm::hypot(tier.noise_rad, share.min(MODEL_ERROR) * tier.spread_rad).max(LEAST_RAD);
         tier.weight[0] = 1.0 / tier.tolerance_rad;
         if tier.weight[2] > 0.0 {
             tier.weight[2] = 1.0 / (2.0_f64.sqrt() * tier.tolerance_rad);

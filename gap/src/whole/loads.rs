@@ -163,7 +163,7 @@ fn misfit(found: &body::Found, scale: f64) -> f64 {
 fn friction(model: &Model, found: &body::Found, scale: f64) -> Option<Reading> {
     let nominal = model.parameter(Key::Friction);
     let value = nominal.value * scaled(found, scale)[body::B::Friction as usize];
-    let spread = nominal.tolerance.hypot(FRICTION_ERROR * value);
+    let spread = libm::hypot(nominal.tolerance, FRICTION_ERROR * value);
     let off = (value - nominal.value).abs() / spread.max(1e-9);
     (off > FRICTION_TOLERANCES).then(|| Reading {
         effect: Effect::GroundFriction,

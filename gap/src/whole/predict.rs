@@ -87,7 +87,7 @@ pub(super) fn errors(data: &Data, runs: &[usize], params: &Arc<Params>) -> Vec<[
             square.push(d.sum::<f64>().sqrt());
         }
         let ends = |k: usize| base.position_m[k].at(run.length_s) - base.position_m[k].at(0.0);
-        let speed = ends(0).hypot(ends(1)) / run.length_s.max(1e-9);
+        let speed = libm::hypot(ends(0), ends(1)) / run.length_s.max(1e-9);
         out.push([math::rms(&square), (o.speed_m_s - speed).abs()]);
     }
     out

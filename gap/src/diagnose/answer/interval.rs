@@ -87,7 +87,7 @@ fn counted(problem: &Problem, effect: Effect, value: f64) -> Option<[f64; 2]> {
             Some([(value - e).max(0.0), value + e])
         }
         Effect::Jitter => {
-            let e = 1.96 * (r.spread_s / (2.0 * n).sqrt()).hypot(ZERO * r.doubt_s);
+            let e = 1.96 * libm::hypot(r.spread_s / (2.0 * n).sqrt(), ZERO * r.doubt_s);
             Some([-e, e].map(|e| names::jitter_s(problem, &r, e)))
         }
         _ => None,
