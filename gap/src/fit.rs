@@ -7,15 +7,13 @@ mod algebra;
 mod shared;
 mod spread;
 
-use rayon::prelude::*;
-use wide::f64x8;
-
 use self::algebra::{cholesky, dot, solve};
 pub use self::shared::Linear;
 pub use self::spread::{Spread, spread};
+use rayon::prelude::*;
 
 use crate::joint::data::CHANNELS;
-use crate::joint::{LANES, P, Params, Problem, simulate_lanes};
+use crate::joint::{Errors, P, Params, Problem, Weights};
 
 /// Residuals of a run, and their slopes, a column per free parameter.
 type Columns = (Vec<f64>, Vec<Vec<f64>>);
@@ -112,19 +110,6 @@ const DIFFERENCE: f64 = 2e-3;
 /// Beyond this many tolerances an error counts linearly: single instants (an edge, a slip) must not outvote the rest.
 const HUBER: f64 = 4.0;
 
-/// Square root of the Huber loss, with the sign of `r`; plain squares where the tolerance is only a guess.
-fn huber(r: f64x8) -> f64x8 {
-    let limit = f64x8::splat(HUBER);
-    let a = r.abs();
-    let beyond = a.simd_gt(limit);
-    if !beyond.any() {
-        return r;
-    }
-    let long = (limit * (a + a - limit)).fast_max(f64x8::splat(0.0)).sqrt();
-    let signed = r.simd_lt(f64x8::splat(0.0)).select(-long, long);
-    beyond.select(signed, r)
-}
-
 /// Normal equations of one linearisation.
 #[derive(Debug, Clone, PartialEq)]
 struct Normal {
@@ -169,46 +154,15 @@ impl Objective<'_> {
         self.runs.iter().map(|r| self.problem.runs[*r].count).sum()
     }
 
-    /// Weighted residuals of one run, one list per parameter set.
-    fn residuals(&self, run: usize, sets: &[Params]) -> Vec<Vec<f64>> {
+    /// Weighted residuals of one run, a column per parameter set.
+    fn residuals(&self, run: usize, sets: &[Params]) -> Errors {
         let data = &self.problem.runs[run];
-        let share = data.count / self.recordings();
-        let mut out: Vec<Vec<f64>> = Vec::with_capacity(sets.len());
-        let mut trace = Vec::new();
-        for chunk in sets.chunks(LANES) {
-            simulate_lanes(data, chunk, self.problem.dt_s, &mut trace);
-            let first = out.len();
-            out.extend(
-                chunk
-                    .iter()
-                    .map(|_| Vec::with_capacity(data.samples.len() * 4)),
-            );
-            for (c, weight) in self.weight.iter().enumerate().filter(|(_, w)| **w > 0.0) {
-                let used = |m: f64, on: bool| on && m.is_finite();
-                let n = data
-                    .samples
-                    .iter()
-                    .filter(|s| used(s.measured[c], s.enabled))
-                    .count();
-                let scale = f64x8::splat((share / n.max(1) as f64).sqrt());
-                let weight = f64x8::splat(*weight);
-                for (s, y) in data.samples.iter().zip(&trace) {
-                    let m = s.measured[c];
-                    if !used(m, s.enabled) {
-                        continue;
-                    }
-                    let mut r = (y[c] - f64x8::splat(m)) * weight;
-                    if self.robust {
-                        r = huber(r);
-                    }
-                    r *= scale;
-                    for (list, r) in out[first..].iter_mut().zip(r.as_array()) {
-                        list.push(*r);
-                    }
-                }
-            }
-        }
-        out
+        let weights = Weights {
+            channels: self.weight,
+            share: data.count / self.recordings(),
+            huber: if self.robust { HUBER } else { f64::INFINITY },
+        };
+        Errors::new(data, sets, self.problem.dt_s, weights)
     }
 
     /// What the priors add to the cost.
@@ -296,17 +250,17 @@ impl Objective<'_> {
                 steps.push(step);
             }
         }
-        let mut all = self.residuals(run, &sets).into_iter().zip(steps);
+        let errors = self.residuals(run, &sets);
+        let mut all = errors.iter().zip(steps);
         models
             .iter()
             .map(|m| {
-                let (r, _) = all.next().unwrap_or_default();
-                let column = |(mut c, step): (Vec<f64>, f64)| {
-                    c.iter_mut().zip(&r).for_each(|(c, r)| *c = (*c - r) / step);
-                    c
+                let r = all.next().map_or(&[] as &[f64], |c| c.0);
+                let column = |(c, step): (&[f64], f64)| {
+                    c.iter().zip(r).map(|(c, r)| (c - r) / step).collect()
                 };
                 let columns = all.by_ref().take(m.free.len()).map(column).collect();
-                (r, columns)
+                (r.to_vec(), columns)
             })
             .collect()
     }

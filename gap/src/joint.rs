@@ -15,7 +15,7 @@ pub mod sim;
 mod stop;
 
 pub use data::{Problem, RunData, Sample};
-pub use lanes::{LANES, simulate_lanes};
+pub use lanes::{Errors, Weights};
 pub use nominal::{Known, Nominal};
 pub use param::{P, Params};
 pub use sim::{Channel, Trace, simulate};

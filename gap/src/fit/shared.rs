@@ -168,7 +168,7 @@ impl Objective<'_> {
     #[must_use]
     pub fn screen(&self, linear: &Linear, sets: &[Params]) -> Vec<f64> {
         let part = |(k, run): (usize, &usize)| -> Vec<(f64, Vec<f64>)> {
-            let one = |r: &Vec<f64>| {
+            let one = |r: &[f64]| {
                 let g = linear.columns[k].iter().map(|c| dot(c, r)).collect();
                 (dot(r, r), g)
             };

@@ -1,8 +1,7 @@
 //! The set-point's way to the controller: it hangs on no state of the joint, so it is worked out a block of steps ahead.
 
-use wide::f64x8 as F;
-
 use super::data::RunData;
+use super::lanes::Eight;
 use super::param::{P, Params};
 
 /// Walks held set-points; gives their mean over a step, so that a delay shorter than a step still counts.
@@ -56,6 +55,11 @@ impl<'a> Held<'a> {
             &self.played.1
         };
         values.get(i).copied().unwrap_or(0.0)
+    }
+
+    /// When the set-point changes.
+    fn next_s(&self) -> f64 {
+        self.time(self.index + 1).unwrap_or(f64::INFINITY)
     }
 
     fn mean_to(&mut self, to_s: f64) -> f64 {
@@ -137,7 +141,40 @@ struct Lane<'a> {
     slewed: f64,
 }
 
-/// The command paths of eight lanes.
+impl Lane<'_> {
+    /// Hands `put` the set-points of the `count` steps from `from`, as applied and as followed, by their number.
+    #[inline(always)]
+    fn fill(&mut self, from: usize, count: usize, dt_s: f64, mut put: impl FnMut(usize, f64, f64)) {
+        let path = self.path;
+        let end_s = |k: usize| ((from + k) as f64 * dt_s + dt_s) * path.clock - path.delay;
+        let mut k = 0;
+        while k < count {
+            let next_s = self.held.next_s();
+            let mut sp = self.held.mean_to(end_s(k)) * path.scale + path.offset;
+            if path.quantum > 0.0 {
+                sp = (sp / path.quantum).round() * path.quantum;
+            }
+            // Between two set-points all steps are alike.
+            let mut last_s;
+            loop {
+                last_s = end_s(k);
+                if path.slew.is_finite() {
+                    self.slewed += (sp - self.slewed).max(-path.slew).min(path.slew);
+                    put(k, sp, self.slewed);
+                } else {
+                    put(k, sp, sp);
+                }
+                k += 1;
+                if k >= count || last_s >= next_s || end_s(k) >= next_s {
+                    break;
+                }
+            }
+            self.held.last_s = last_s;
+        }
+    }
+}
+
+/// The command paths of all lanes.
 pub(super) struct Commands<'a> {
     lanes: Vec<Lane<'a>>,
     dt_s: f64,
@@ -180,31 +217,22 @@ impl<'a> Commands<'a> {
     }
 
     /// Set-points of the steps from `from`: as applied, and as followed under a speed limit.
-    pub(super) fn fill(&mut self, from: usize, applied: &mut [F], followed: &mut [F]) {
-        for i in 0..self.lanes.len() {
-            if i > 0 && self.lanes[i].path == self.lanes[0].path {
-                for (a, f) in applied.iter_mut().zip(followed.iter_mut()) {
-                    let (a, f) = (a.as_mut_array(), f.as_mut_array());
-                    (a[i], f[i]) = (a[0], f[0]);
-                }
-                continue;
-            }
-            let lane = &mut self.lanes[i];
-            let path = lane.path;
-            for (k, (a, f)) in applied.iter_mut().zip(followed.iter_mut()).enumerate() {
-                let end_s = ((from + k) as f64 * self.dt_s + self.dt_s) * path.clock - path.delay;
-                let mut sp = lane.held.mean_to(end_s);
-                sp = sp * path.scale + path.offset;
-                if path.quantum > 0.0 {
-                    sp = (sp / path.quantum).round() * path.quantum;
-                }
-                a.as_mut_array()[i] = sp;
-                if path.slew.is_finite() {
-                    lane.slewed += (sp - lane.slewed).max(-path.slew).min(path.slew);
-                    sp = lane.slewed;
-                }
-                f.as_mut_array()[i] = sp;
-            }
+    #[inline(always)]
+    pub(super) fn fill(&mut self, from: usize, applied: &mut [Eight], followed: &mut [Eight]) {
+        let Some((first, others)) = self.lanes.split_first_mut() else {
+            return;
+        };
+        let count = applied.len();
+        let same = first.path;
+        first.fill(from, count, self.dt_s, |k, sp, slewed| {
+            applied[k] = Eight::splat(sp);
+            followed[k] = Eight::splat(slewed);
+        });
+        for (i, lane) in others.iter_mut().enumerate().filter(|l| l.1.path != same) {
+            lane.fill(from, count, self.dt_s, |k, sp, slewed| {
+                applied[k].0[i + 1] = sp;
+                followed[k].0[i + 1] = slewed;
+            });
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Channels, and the forward model for one parameter set.
 
 use super::data::{CHANNELS, RunData};
-use super::lanes::simulate_lanes;
+use super::lanes::{Level, simulate_at};
 use super::param::Params;
 
 /// A simulated signal that may have been measured.
@@ -41,8 +41,5 @@ pub type Trace = Vec<[f64; CHANNELS]>;
 
 /// Simulates a run with step `dt_s`; one entry per row. A run that blows up gives large finite values.
 pub fn simulate(run: &RunData, p: &Params, dt_s: f64, trace: &mut Trace) {
-    let mut rows = Vec::new();
-    simulate_lanes(run, std::slice::from_ref(p), dt_s, &mut rows);
-    trace.clear();
-    trace.extend(rows.iter().map(|r| r.map(|c| c.as_array()[0])));
+    simulate_at(Level::detect(), run, p, dt_s, trace);
 }

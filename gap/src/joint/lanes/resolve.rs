@@ -1,10 +1,9 @@
-//! Parameters of a run, resolved to absolute values once, for eight lanes.
+//! Parameter sets of a run as the numbers that the loop needs, worked out once.
 
-use wide::f64x8 as F;
-
-use super::super::data::RunData;
-use super::super::param::{P, Params};
-use super::{LANES, SEEN};
+use super::simd::{Eight, LANES, Lane};
+use super::state::SEEN;
+use crate::joint::data::RunData;
+use crate::joint::param::{P, Params};
 
 /// Which optional parts of the model any lane uses.
 pub(super) struct Used {
@@ -23,16 +22,16 @@ pub(super) struct Used {
     pub(super) give: bool,
 }
 
-/// Parameters of a run, resolved to absolute values once.
-pub(super) struct Model<'a> {
-    pub(super) p: &'a [Params],
+/// Parameters of a run, as absolute values.
+pub(super) struct Model<F> {
     pub(super) used: Used,
     pub(super) dt: F,
     /// dt / 2.
     pub(super) half: F,
     /// dt / inertia.
     pub(super) k: F,
-    pub(super) inertia: F,
+    /// inertia / dt.
+    pub(super) per_k: F,
     pub(super) gravity: F,
     pub(super) mech: F,
     /// Effort per unit of duty and volt.
@@ -49,8 +48,8 @@ pub(super) struct Model<'a> {
     pub(super) band: F,
     pub(super) lag: F,
     pub(super) limit: F,
-    /// Steps and time constant of a velocity servo, s.
-    pub(super) grip: F,
+    /// Effort per speed error of a velocity servo: its time constant is that of its inner loop, and a step.
+    pub(super) stiff: F,
     pub(super) effort_limit: F,
     pub(super) speed_limit: F,
     pub(super) sag: F,
@@ -77,26 +76,53 @@ pub(super) struct Model<'a> {
     pub(super) record_scale: F,
     pub(super) read_after: F,
     /// Steps of the controller's speed estimate; `None` where it is exact.
-    pub(super) speed: Option<[f64; LANES]>,
+    pub(super) speed: Option<Late<F>>,
     /// Ticks of a controller slower than the steps: it holds its output from tick to tick.
     pub(super) ticks_per_step: Option<f64>,
-    pub(super) delay_steps: [f64; LANES],
+    pub(super) delay: Late<F>,
 }
 
-fn lanes(p: &[Params], f: impl Fn(&Params) -> f64) -> F {
-    let mut a = [0.0; LANES];
-    for (i, a) in a.iter_mut().enumerate() {
-        // Lanes beyond the last set repeat it: idle, but harmless.
-        if let Some(p) = p.get(i).or(p.last()) {
-            *a = f(p);
+/// How many steps back a lane looks.
+pub(super) struct Late<F> {
+    pub(super) whole: [usize; LANES],
+    /// What is left beyond whole steps.
+    pub(super) part: F,
+    /// One over the time back, for one step at least.
+    pub(super) per_s: F,
+    /// Steps, one at most.
+    pub(super) share: F,
+    /// Whether all lanes have the same whole steps.
+    pub(super) alike: bool,
+}
+
+impl<F: Lane> Late<F> {
+    #[inline(always)]
+    fn new(steps: Eight, least: f64, most: usize, dt: f64) -> Self {
+        let back = steps.0.map(|s| s.max(least));
+        let whole = back.map(|s| (s as usize).min(most));
+        let each = |f: &dyn Fn(usize) -> f64| F::of(Eight(std::array::from_fn(f)));
+        Self {
+            part: each(&|i| back[i] - whole[i] as f64),
+            per_s: each(&|i| 1.0 / (steps.0[i].max(1.0) * dt)),
+            share: each(&|i| steps.0[i].min(1.0)),
+            alike: whole.iter().all(|w| *w == whole[0]),
+            whole,
         }
     }
-    F::from(a)
 }
 
-pub(super) fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> {
+/// A number of every parameter set. Lanes beyond the last set repeat it: idle, but harmless.
+fn lanes(p: &[Params], f: impl Fn(&Params) -> f64) -> Eight {
+    Eight(std::array::from_fn(|i| {
+        p.get(i).or(p.last()).map_or(0.0, &f)
+    }))
+}
+
+#[inline(always)]
+pub(super) fn resolve<F: Lane>(run: &RunData, p: &[Params], dt: f64) -> Model<F> {
     let n = &run.nominal;
-    let get = |q: P| lanes(p, |p| p.get(q));
+    let of = |f: &dyn Fn(&Params) -> f64| F::of(lanes(p, f));
+    let get = |q: P| of(&|p| p.get(q));
     let any = |q: P| p.iter().any(|p| p.get(q) != Params::neutral(q));
     let volts = n.supply_v.max(1e-9);
     let kt = |p: &Params| n.effort_per_a * p.get(P::Motor) * p.get(P::Ampere);
@@ -124,10 +150,7 @@ pub(super) fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> 
             1.0
         }
     };
-    let mut delay_steps = [0.0; LANES];
-    for (d, p) in delay_steps.iter_mut().zip(p) {
-        *d = (p.get(P::FeedbackDelay) / dt).max(0.0);
-    }
+    let delay_steps = |p: &Params| (p.get(P::FeedbackDelay) / dt).max(0.0);
     let used = Used {
         ripple: any(P::RippleSin) || any(P::RippleCos),
         stribeck: any(P::Static),
@@ -136,7 +159,7 @@ pub(super) fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> 
         sag: any(P::Sag),
         derate: any(P::DerateShare),
         limit: p.iter().any(|p| effort_limit(p).is_finite()),
-        feedback_delay: delay_steps.iter().any(|d| *d > 0.0),
+        feedback_delay: p.iter().any(|p| delay_steps(p) > 0.0),
         gravity: p.iter().any(|p| gravity(p) != 0.0),
         play: any(P::Play),
         output_play: any(P::OutputPlay),
@@ -144,34 +167,31 @@ pub(super) fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> 
         give: any(P::Give),
     };
     Model {
-        p,
         used,
         dt: F::splat(dt),
         half: F::splat(0.5 * dt),
-        k: lanes(p, |p| dt / inertia(p)),
-        inertia: lanes(p, inertia),
-        gravity: lanes(p, gravity),
+        k: of(&|p| dt / inertia(p)),
+        per_k: of(&|p| inertia(p) / dt),
+        gravity: of(&gravity),
         mech: get(P::MechOffset),
-        gv: lanes(p, |p| n.stall / volts * p.get(P::Motor) / resistance(p)),
-        ge: lanes(p, |p| {
-            n.stall / n.no_load_speed * p.get(P::Motor) * p.get(P::Motor) / resistance(p)
-        }),
-        kt: lanes(p, kt),
-        supply: lanes(p, |p| n.supply_v * p.get(P::Supply)),
-        kp: lanes(p, |p| n.kp * p.get(P::LoopGain)),
+        gv: of(&|p| n.stall / volts * p.get(P::Motor) / resistance(p)),
+        ge: of(&|p| n.stall / n.no_load_speed * p.get(P::Motor) * p.get(P::Motor) / resistance(p)),
+        kt: of(&kt),
+        supply: of(&|p| n.supply_v * p.get(P::Supply)),
+        kp: of(&|p| n.kp * p.get(P::LoopGain)),
         ki: F::splat(n.ki),
         windup: get(P::Windup),
-        kd: lanes(p, |p| n.kd * p.get(P::Damping)),
+        kd: of(&|p| n.kd * p.get(P::Damping)),
         band: get(P::Deadband),
-        lag: lanes(p, lag),
-        limit: lanes(p, limit),
-        grip: lanes(p, |p| dt + p.get(P::Grip)),
-        effort_limit: lanes(p, effort_limit),
+        lag: of(&lag),
+        limit: of(&limit),
+        stiff: of(&|p| inertia(p) / (dt + p.get(P::Grip))),
+        effort_limit: of(&effort_limit),
         speed_limit: F::splat(n.speed_limit),
         sag: get(P::Sag),
         regeneration: get(P::Regeneration),
         derate: get(P::DerateShare),
-        warming: lanes(p, |p| (dt / p.get(P::DerateTime).max(1e-3)).min(1.0)),
+        warming: of(&|p| (dt / p.get(P::DerateTime).max(1e-3)).min(1.0)),
         coulomb: get(P::Coulomb),
         give: get(P::Give),
         viscous: get(P::Viscous),
@@ -189,20 +209,17 @@ pub(super) fn resolve<'a>(run: &RunData, p: &'a [Params], dt: f64) -> Model<'a> 
         flexibility: get(P::Flexibility),
         record_scale: get(P::RecordScale),
         read_after: get(P::ReadAfter),
-        speed: speed_steps(p, n.period_s, dt),
-        delay_steps,
+        speed: speed_steps(p, n.period_s, dt).map(|s| Late::new(s, 1.0, SEEN - 2, dt)),
+        delay: Late::new(lanes(p, delay_steps), 0.0, usize::MAX, dt),
         ticks_per_step: (n.period_s > 1.5 * dt).then(|| dt / n.period_s),
     }
 }
 
 /// Steps over which the controller takes its difference of positions: as late as half their number.
-fn speed_steps(p: &[Params], period_s: f64, dt: f64) -> Option<[f64; LANES]> {
+fn speed_steps(p: &[Params], period_s: f64, dt: f64) -> Option<Eight> {
     if period_s <= 0.0 || p.iter().all(|p| p.get(P::SpeedDelay) <= 0.0) {
         return None;
     }
-    let mut out = [1.0; LANES];
-    for (steps, p) in out.iter_mut().zip(p) {
-        *steps = (2.0 * p.get(P::SpeedDelay) * period_s / dt).clamp(0.0, SEEN as f64 - 1.0);
-    }
-    Some(out)
+    let steps = |p: &Params| 2.0 * p.get(P::SpeedDelay) * period_s / dt;
+    Some(lanes(p, |p| steps(p).clamp(0.0, SEEN as f64 - 1.0)))
 }

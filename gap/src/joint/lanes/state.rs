@@ -1,0 +1,156 @@
+//! What the loop carries from step to step.
+
+use super::resolve::{Late, Model};
+use super::simd::{Eight, Lane};
+use crate::joint::data::RunData;
+
+/// Positions that the controller remembers for its speed estimate.
+pub(super) const SEEN: usize = 16;
+
+/// The joint between two steps.
+pub(super) struct State<F> {
+    pub(super) q: F,
+    pub(super) dq: F,
+    pub(super) integral: F,
+    pub(super) actuator: F,
+    pub(super) output: F,
+    pub(super) link: F,
+    /// Controller output of the last tick.
+    pub(super) held: F,
+    pub(super) duty: F,
+    pub(super) bus: F,
+    /// Effort `a - b speed` of the last step; after and before any loss of torque: the latter is what the current shows.
+    pub(super) driven: [F; 2],
+    pub(super) electrical: [F; 2],
+    /// Speed at the start and at the end of the last step.
+    pub(super) speeds: [F; 2],
+    /// Travel of dry friction that sticks.
+    pub(super) bristle: F,
+    pub(super) heat: F,
+    /// Inertia times the last acceleration.
+    pub(super) inertial: F,
+}
+
+/// What the controller remembers. Beside [`State`], which the compiler keeps in registers because nothing in it is picked by a number.
+pub(super) struct Memory {
+    /// Positions and speeds for a delayed encoder, around and around.
+    history: Vec<[Eight; 2]>,
+    at: usize,
+    /// Positions as the controller saw them, around and around; the newest is at `newest`.
+    seen: [Eight; SEEN],
+    newest: usize,
+}
+
+impl<F: Lane> State<F> {
+    #[inline(always)]
+    pub(super) fn new(run: &RunData, m: &Model<F>) -> Self {
+        let e = run.edges.first().copied();
+        let (q, dq) = e.map_or((0.0, 0.0), |e| (e.position, e.velocity));
+        let (q, dq, zero) = (F::splat(q), F::splat(dq), F::zero());
+        Self {
+            q,
+            dq,
+            integral: zero,
+            actuator: zero,
+            output: q,
+            link: q,
+            held: zero,
+            duty: zero,
+            bus: m.supply,
+            driven: [zero; 2],
+            electrical: [zero; 2],
+            speeds: [zero; 2],
+            bristle: zero,
+            heat: zero,
+            inertial: zero,
+        }
+    }
+
+    /// A stop takes all speed.
+    #[inline(always)]
+    pub(super) fn stop(&mut self, [low, high]: &[f64; 2]) {
+        if low.is_finite() || high.is_finite() {
+            let held = self.q.clamp(F::splat(*low), F::splat(*high));
+            self.dq = F::select(held.ne(self.q), F::zero(), self.dq);
+            self.q = held;
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn restart(&mut self, position: f64, velocity: f64, running: bool) {
+        (self.q, self.dq) = (F::splat(position), F::splat(velocity));
+        (self.output, self.link, self.integral) = (self.q, self.q, F::zero());
+        (self.inertial, self.bristle) = (F::zero(), F::zero());
+        if running {
+            self.actuator = F::zero();
+        }
+    }
+}
+
+impl Memory {
+    pub(super) fn new<F: Lane>(run: &RunData, m: &Model<F>) -> Self {
+        let e = run.edges.first().copied();
+        let start = e
+            .map_or([0.0; 2], |e| [e.position, e.velocity])
+            .map(Eight::splat);
+        let deepest = m.delay.whole.iter().copied().max().unwrap_or(0);
+        Self {
+            history: vec![start; deepest + 3],
+            at: 0,
+            seen: [start[0]; SEEN],
+            newest: 0,
+        }
+    }
+
+    /// Encoder as the controller sees it.
+    #[inline(always)]
+    pub(super) fn feedback<F: Lane>(&mut self, m: &Model<F>, s: &State<F>) -> (F, F) {
+        if !m.used.feedback_delay {
+            return (s.q, s.dq);
+        }
+        let n = self.history.len();
+        self.history[self.at] = [s.q.put(), s.dq.put()];
+        let back = |by: usize| {
+            let k = self.at + n - by;
+            if k < n { k } else { k - n }
+        };
+        let one = |channel: usize| m.delay.between(|steps| &self.history[back(steps)][channel]);
+        let seen = (one(0), one(1));
+        self.at = if self.at + 1 < n { self.at + 1 } else { 0 };
+        seen
+    }
+
+    /// Speed as the difference of seen positions over some steps; over less than one, in part the exact speed.
+    #[inline(always)]
+    pub(super) fn difference<F: Lane>(&mut self, late: &Late<F>, q: F, exact: F) -> F {
+        self.newest = (self.newest + SEEN - 1) % SEEN;
+        self.seen[self.newest] = q.put();
+        let before = late.between(|steps| &self.seen[(self.newest + steps) % SEEN]);
+        let speed = (q - before) * late.per_s;
+        exact + late.share * (speed - exact)
+    }
+
+    /// As if the joint had come here at this speed.
+    pub(super) fn restart(&mut self, position: f64, velocity: f64, dt_s: f64) {
+        self.newest = 0;
+        for (k, seen) in self.seen.iter_mut().enumerate() {
+            *seen = Eight::splat(position - velocity * ((k + 1) as f64 * dt_s));
+        }
+    }
+}
+
+impl<F: Lane> Late<F> {
+    /// The signal `at` so many steps ago, between two of them.
+    #[inline(always)]
+    fn between<'s>(&self, at: impl Fn(usize) -> &'s Eight) -> F {
+        let first = self.whole[0];
+        let (early, late) = if self.alike {
+            (*at(first), *at(first + 1))
+        } else {
+            let lane = |more: usize| std::array::from_fn(|i| at(self.whole[i] + more).0[i]);
+            (Eight(lane(0)), Eight(lane(1)))
+        };
+        let (early, late) = (F::of(early), F::of(late));
+        early + self.part * (late - early)
+    }
+}
