@@ -14,8 +14,10 @@ mod conventions;
 pub mod data;
 mod direct;
 mod echo;
+pub mod experiment;
 mod film;
 mod found;
+mod gaits;
 pub mod inertial;
 mod joint_library;
 mod joints;
@@ -28,6 +30,7 @@ mod places;
 mod predict;
 mod regime;
 mod replay;
+mod rivals;
 mod rough;
 mod score;
 mod search;
@@ -41,6 +44,7 @@ mod windows;
 
 use std::sync::Arc;
 
+use control::gait::Gait;
 use files::dataset::{Manifest, Recording, Role};
 use files::model::{Key, Model};
 use physics::{Params, ParamsError};
@@ -126,6 +130,8 @@ pub struct Diagnosis {
     /// Joints whose readings are in another convention.
     readings: Vec<usize>,
     replay: Option<replay::Replay>,
+    /// What a further experiment on the ground should decide.
+    question: Option<experiment::Question>,
 }
 
 /// Everything found, before it is put into words.
@@ -133,6 +139,8 @@ struct Parts {
     data: Arc<Data>,
     conventions: Conventions,
     direct: Vec<direct::Reading>,
+    /// What explains the loads of all joints as well as the reading that is named.
+    twin: Option<direct::Reading>,
     /// Effects that must not be named.
     withhold: Vec<Effect>,
     split: String,
@@ -181,6 +189,18 @@ impl Diagnosis {
                 metrics.insert(name.into(), [before, before, after]);
             }
         }
+    }
+
+    /// The gait to play next where the body holds what is open: of `menu`, of the gaits on record and of variations of both, those that
+    /// `accepts` lets pass. `None` where nothing is open about the body or no gait passes.
+    #[must_use]
+    pub fn experiment(
+        &self,
+        menu: &[Gait],
+        accepts: &dyn Fn(&Gait) -> bool,
+    ) -> Option<experiment::Experiment> {
+        let question = self.question.as_ref()?;
+        question.experiment(menu, accepts)
     }
 
     /// The verdict, to add provenance.
@@ -262,9 +282,10 @@ pub fn diagnose(
             .iter()
             .any(|c| of(c) == vocabulary::Stage::Body && level(c))
     });
+    let cause = loads_together.cause(body.as_ref(), &mut replayed);
     direct.extend(
-        loads_together
-            .cause(body.as_ref(), &mut replayed)
+        cause
+            .named
             // A replay on a ground or of a body that is another one is too rough for torques to show a mass besides.
             .filter(|r| !named(r.effect))
             .filter(|r| r.effect != Effect::Mass || !other),
@@ -297,6 +318,7 @@ pub fn diagnose(
         data,
         conventions,
         direct,
+        twin: cause.instead,
         withhold: settings.withhold.clone(),
         split,
         joints,
@@ -312,7 +334,10 @@ pub fn diagnose(
             .as_ref()
             .map_or_else(Vec::new, body::Found::readings),
         replay: None,
+        question: None,
     };
+    let open = rivals::open(&parts, &out.verdict, model, &out.readings);
+    out.question = open.map(|open| experiment::Question::new(open, &parts));
     out.add_rollouts(&parts.data, &score_runs, &params);
     let similar = |params: &Arc<Params>| {
         film::similarity(&parts.data, films, manifest, model, &score_runs, params)

@@ -1,4 +1,7 @@
-"""The cases of `bench_reality.py`, by name."""
+"""The cases of `bench_reality.py`, by name.
+
+    bench_cases.py FOLDER [NAME...]      # writes those named, or all, and their labels
+"""
 
 import dataclasses
 
@@ -67,11 +70,11 @@ def cases():
     add("feedback_delay", ("feedback_delay",), feedback_delay=0.015, **DRIVE)
     add("motor_lag", ("motor_lag",), lag=0.03, **DRIVE)
     add("deadband", ("deadband",), deadband=0.03, **DRIVE)
-    add("deadband_position_only", ("deadband", "backlash", "stribeck_friction"), deadband=0.04, record=POSITION_ONLY, **DRIVE)
+    add("deadband_position_only", ("deadband|backlash|stribeck_friction",), deadband=0.04, record=POSITION_ONLY, **DRIVE)
     add("velocity_limit", ("velocity_limit",), slew=1.5, **DRIVE)
     add("velocity_limit_velocity", ("velocity_limit",), nominal={"speed": 6.0, "limit": 6.0}, **{**VELOCITY, "limit": 1.5})
-    add("torque_limit", ("torque_limit", "current_limit"), torque_limit=0.5, **DRIVE)
-    add("current_limit", ("current_limit", "torque_limit"), current_limit=0.6, **DRIVE)
+    add("torque_limit", ("torque_limit|current_limit",), torque_limit=0.5, **DRIVE)
+    add("current_limit", ("torque_limit|current_limit",), current_limit=0.6, **DRIVE)
     add("derating", ("thermal_derating",), derate_share=0.3, derate_time=6.0, seconds=16.0, repeats=1, **DRIVE)
     add("sag", ("supply_sag",), sag=1.5, **DRIVE)
     add("supply_low", ("supply_voltage",), supply=5.8, nominal={"supply": 7.4}, **DRIVE)
@@ -117,5 +120,5 @@ if __name__ == "__main__":
 
     from bench_reality import generate
 
-    for wanted in sys.argv[2:]:
+    for wanted in sys.argv[2:] or [c.name for c in cases()]:
         generate(by_name(wanted), Path(sys.argv[1]) / wanted, 1)

@@ -123,7 +123,6 @@ def case(seed, k):
     rate = float(rng.choice((50.0, 100.0, 200.0, 500.0)))
     record = Record(columns=chosen, rate_hz=rate, encoder=2 * math.pi / float(rng.choice((4096, 16384))))
     motions = tuple(str(g) for g in rng.permutation(GAITS)[:4])
-    dead = ("deadband", "backlash", "stribeck_friction")
     truth = tuple(names)
     out = Case(f"f{seed}_{k:02d}_{'_'.join(names) or 'null'}", Joint(**(p | c | planted)), record, truth, nominal)
     out.gaits, out.repeats, out.seconds = motions, 2, 8.0
@@ -133,7 +132,7 @@ def case(seed, k):
     out.setpoint_hz = min(rate, float(rng.choice((20.0, 50.0, 100.0))))
     out.tolerance = float(rng.choice((0.02, 0.05)))
     if chosen == ("position",) and truth == ("deadband",):
-        out.truth = dead
+        out.truth = ("deadband|backlash|stribeck_friction",)
     return out
 
 

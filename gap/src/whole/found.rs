@@ -70,7 +70,7 @@ pub(super) fn unsigned(theta: &mut [f64]) {
 }
 
 /// A number of an effect from coordinates.
-type Convert<'a> = Box<dyn Fn(&[f64]) -> f64 + 'a>;
+pub(super) type Convert<'a> = Box<dyn Fn(&[f64]) -> f64 + 'a>;
 
 fn joint_parameters<'a>(
     effect: Effect,
@@ -166,7 +166,7 @@ fn friction_parameters<'a>(effect: Effect, n: &'a Nominal) -> Vec<(&'static str,
     }
 }
 
-fn body_parameters(
+pub(super) fn body_parameters(
     effect: Effect,
     joint: Option<usize>,
     mu: f64,
@@ -230,7 +230,7 @@ fn camera_parameters(effect: Effect) -> Vec<(&'static str, Convert<'static>)> {
 }
 
 /// Values with intervals: each number moved by every free coordinate's deviation.
-fn estimates(
+pub(super) fn estimates(
     parameters: &[(&'static str, Convert<'_>)],
     free: &[usize],
     fit: &Fit,

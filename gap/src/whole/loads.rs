@@ -83,12 +83,9 @@ impl Replay<'_> {
         libm::exp(0.5 * (low + high))
     }
 
-    /// Mass or friction, whichever the loads of all joints and the motion of the base agree on.
-    pub(super) fn cause(
-        &self,
-        body: Option<&body::Found>,
-        windows: &mut [Window],
-    ) -> Option<Reading> {
+    /// Mass or friction, whichever the loads of all joints and the motion of the base agree on; and beside it the other one, as large as the
+    /// loads would have it.
+    pub(super) fn cause(&self, body: Option<&body::Found>, windows: &mut [Window]) -> Cause {
         let ratios: Vec<f64> = self
             .joints
             .iter()
@@ -98,19 +95,45 @@ impl Replay<'_> {
         // Eight half-spheres that vary alone.
         let tolerance = half.tolerance / half.value / 8.0_f64.sqrt();
         let heavier = mass(&ratios, tolerance);
-        let Some(found) = body.filter(|_| ratios.len() >= 4) else {
-            return heavier;
+        let ratio = math::median(&ratios);
+        let alone = |named| Cause {
+            named,
+            instead: None,
         };
-        if (math::median(&ratios) - 1.0).abs() < 2.0 * FRICTION_ERROR {
-            return heavier;
+        let Some(found) = body.filter(|_| ratios.len() >= 4) else {
+            return alone(heavier);
+        };
+        if (ratio - 1.0).abs() < 2.0 * FRICTION_ERROR {
+            return alone(heavier);
         }
         let scale = self.balance(found, windows);
         let worse = misfit(found, scale) / misfit(found, 1.0).max(1e-9);
+        let (off, slippery) = friction(self.model, found, scale);
         if worse > WORSE {
-            return heavier;
+            return Cause {
+                named: heavier,
+                instead: Some(slippery),
+            };
         }
-        friction(self.model, found, scale)
+        Cause {
+            named: Some(slippery).filter(|_| off > FRICTION_TOLERANCES),
+            instead: Some(Reading {
+                effect: Effect::Mass,
+                joint: None,
+                key: "ratio",
+                estimate: exact(ratio, 0.0),
+                gain: 0.0,
+            }),
+        }
     }
+}
+
+/// What the loads say.
+pub(super) struct Cause {
+    /// What is named.
+    pub(super) named: Option<Reading>,
+    /// What would make the loads as large.
+    pub(super) instead: Option<Reading>,
 }
 
 /// Loads of all joints by run.
@@ -160,16 +183,18 @@ fn misfit(found: &body::Found, scale: f64) -> f64 {
     least::cost(&found.tier.residuals(&scaled(found, scale)))
 }
 
-fn friction(model: &Model, found: &body::Found, scale: f64) -> Option<Reading> {
+/// The friction times `scale`, and by how many standard deviations it is off.
+fn friction(model: &Model, found: &body::Found, scale: f64) -> (f64, Reading) {
     let nominal = model.parameter(Key::Friction);
     let value = nominal.value * scaled(found, scale)[body::B::Friction as usize];
     let spread = libm::hypot(nominal.tolerance, FRICTION_ERROR * value);
     let off = (value - nominal.value).abs() / spread.max(1e-9);
-    (off > FRICTION_TOLERANCES).then(|| Reading {
+    let reading = Reading {
         effect: Effect::GroundFriction,
         joint: None,
         key: "coefficient",
         estimate: exact(value, 1.96 * FRICTION_ERROR * value),
         gain: off * off,
-    })
+    };
+    (off, reading)
 }

@@ -15,7 +15,7 @@ use crate::math;
 pub(super) const RATE_HZ: f64 = 50.0;
 
 /// The run as a trial: from the measured start, driven by the set-points that were sent; `None` without them.
-fn trial(run: &Run, params: &Arc<Params>) -> Option<Trial> {
+pub(super) fn trial(run: &Run, params: &Arc<Params>) -> Option<Trial> {
     let ticks = (run.length_s * CONTROL_RATE_HZ) as usize + 1;
     let mut values = Vec::with_capacity(ticks * JOINTS);
     for i in 0..ticks {

@@ -14,6 +14,7 @@ mod foreign_robot;
 mod gap_data;
 mod gap_files;
 mod gap_film;
+mod gap_next;
 mod gap_runs;
 mod hybrid;
 mod matching;

@@ -2,13 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
+use control::gait::Gait;
 use control::robot::RobotModel;
 use gap::Diagnosis;
 use gap::verdict::{Verdict, Word};
 use gap::vocabulary::{Effect, Stage};
+use gap::whole::Diagnosis as WholeDiagnosis;
 
-use super::{programme, report};
+use super::{programme, report, shipped};
 use crate::failure::Outcome;
+use crate::gait_file;
 
 /// The first of the files that the user asked for: the motion gets its name and stands beside it.
 pub(super) fn beside(files: &[&Option<PathBuf>]) -> Option<PathBuf> {
@@ -54,11 +57,18 @@ fn motion(effects: &[Effect]) -> Option<&'static str> {
     Some("slow")
 }
 
-/// Motion of one joint of the robot in the air: a gait that the robot's own check lets pass.
-pub(super) fn robot(v: &mut Verdict, report: Option<PathBuf>) -> Outcome {
-    let (Some(report), Some(next)) = (report, &mut v.next_experiment) else {
+/// Gait for the robot: one joint in the air, or on the ground where the body holds what is open; the robot's own check lets it pass.
+pub(super) fn robot(d: &mut WholeDiagnosis, report: Option<PathBuf>) -> Outcome {
+    let Some(report) = report else {
         return Ok(());
     };
+    let model = RobotModel::default();
+    let accepts = |gait: &Gait| gait_file::check(gait, &model).is_ok();
+    if let Some(e) = d.experiment(&shipped::menu()?, &accepts) {
+        let text = format!(" {}", e.text);
+        return add(d.verdict_mut(), &report, &e.gait, &text);
+    }
+    let v = d.verdict_mut();
     let class = v.ambiguous.first();
     let (joint, name) = match class {
         Some(c) => (c.members.first().and_then(|m| m.joint), motion(&c.effects)),
@@ -68,14 +78,22 @@ pub(super) fn robot(v: &mut Verdict, report: Option<PathBuf>) -> Outcome {
     let (Some(joint), Some(name)) = (joint, name) else {
         return Ok(());
     };
-    let Some(item) = programme::motion(joint, name, &RobotModel::default()) else {
+    let Some(item) = programme::motion(joint, name, &model) else {
         return Ok(());
     };
     let item = item?;
-    next.gait = write(&report, "next.toml", &files::gait::to_toml(&item.gait))?;
-    next.text.push_str(&format!(
+    let text = format!(
         " Hold the robot off the ground and play the gait file ({}, {:.0} s) three times.",
         item.name, item.duration_s
-    ));
+    );
+    add(v, &report, &item.gait, &text)
+}
+
+/// Writes `gait` beside `report` and says in the verdict what to do with it.
+fn add(v: &mut Verdict, report: &Path, gait: &Gait, text: &str) -> Outcome {
+    if let Some(next) = &mut v.next_experiment {
+        next.gait = write(report, "next.toml", &files::gait::to_toml(gait))?;
+        next.text.push_str(text);
+    }
     Ok(())
 }

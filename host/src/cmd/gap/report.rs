@@ -131,7 +131,7 @@ fn run_whole(
     };
     let mut d = super::whole::run(data, input, &settings)?;
     next::robot(
-        d.verdict_mut(),
+        &mut d,
         next::beside(&[&args.output, &json_file.map(Path::to_owned), &args.markdown]),
     )?;
     let v = d.verdict();
