@@ -18,4 +18,4 @@ pub use data::{Problem, RunData, Sample};
 pub use lanes::{Errors, Weights};
 pub use nominal::{Known, Nominal};
 pub use param::{P, Params};
-pub use sim::{Channel, Trace, simulate};
+pub use sim::{Channel, Trace, simulate, simulate_all};

@@ -58,6 +58,10 @@ const HIDDEN: f64 = 0.65;
 /// Other branches that are looked at when a second effect comes in: the greedy first one may be half of two.
 const BRANCHES: usize = 2;
 
+/// Below so many floors nothing is left for another branch to explain. Forty emulated joints got the same verdicts as with all
+/// branches followed.
+const CLOSED: f64 = 1.2;
+
 /// An effect in the model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Found {
@@ -329,6 +333,11 @@ impl Search<'_> {
         self.enough((held_out - 0.5 * self.floor_cost) / self.scale(0.0, first))
     }
 
+    /// Whether the first effect leaves more than the right one would.
+    fn open(&self, node: &Node, first: f64) -> bool {
+        node.held_out() > CLOSED * (self.floor_cost + self.options.model_error * first)
+    }
+
     /// Whether a gain is large enough to be believed.
     fn enough(&self, gain: f64) -> bool {
         let evidence = self.independent * libm::log1p(gain.max(0.0));
@@ -360,7 +369,8 @@ impl Search<'_> {
             let o = self.tuned(&node.model);
             let mut tries = self.expand(&o, &node.model, &node.found);
             let mut best = self.believed(&o, &node, &mut tries, first, &mut log);
-            for other in branches.drain(..) {
+            let open = self.open(&node, first);
+            for other in branches.drain(..).filter(|_| open) {
                 let mut tries = self.expand(&o, &other.model, &other.found);
                 let pick = self.believed(&o, &other, &mut tries, first, &mut log);
                 let limit = best.as_ref().map_or(f64::INFINITY, |b| 0.97 * b.0);

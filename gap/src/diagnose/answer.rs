@@ -12,7 +12,7 @@ use super::{Diagnosis, Settings};
 use crate::candidates::{self, Candidate};
 use crate::experiment;
 use crate::fit;
-use crate::joint::{Channel, Params, Trace, simulate};
+use crate::joint::{Channel, Params, Trace, simulate, simulate_all};
 use crate::locate;
 use crate::math;
 use crate::names;
@@ -241,50 +241,56 @@ fn round(x: f64) -> f64 {
     (x * 1e3).round() / 1e3
 }
 
-/// Largest change that a candidate of plausible size makes, in tolerances.
-fn visibility(d: &Diagnosis, c: &Candidate) -> f64 {
+/// Largest change that each candidate of plausible size makes, in tolerances.
+fn visibility(d: &Diagnosis, candidates: &[Candidate]) -> Vec<f64> {
     let weight = d.floor.weights();
-    let mut best: f64 = 0.0;
     let base = d.selection.model.params;
-    for start in c.starts.iter().rev().take(3) {
-        let mut p = base;
-        for (f, v) in c.free.iter().zip(start) {
-            p.set(f.p, *v);
+    // Traces held in memory at once.
+    const MOST: usize = 64;
+    let (mut sets, mut owners) = (Vec::new(), Vec::new());
+    for (k, c) in candidates.iter().enumerate() {
+        for start in c.starts.iter().rev().take(3) {
+            let moved = c.free.iter().zip(start);
+            sets.push(moved.fold(base, |p, (f, v)| p.with(f.p, *v)));
+            owners.push(k);
         }
-        let one = |r: &usize| {
-            let run = &d.problem.runs[*r];
-            let (mut a, mut b) = (Trace::new(), Trace::new());
-            simulate(run, &base, d.problem.dt_s, &mut a);
-            simulate(run, &p, d.problem.dt_s, &mut b);
-            let n = a.len().max(1) as f64;
-            let part = |k: usize| {
-                a.iter()
-                    .zip(&b)
-                    .map(|(x, y)| ((x[k] - y[k]) * weight[k]).powi(2))
-                    .sum::<f64>()
-                    / n
-            };
-            (0..weight.len())
-                .filter(|k| weight[*k] > 0.0)
-                .map(part)
-                .sum::<f64>()
-        };
-        best = best.max(math::mean(&d.fit_runs.iter().map(one).collect::<Vec<_>>()));
     }
-    best.sqrt()
+    let mut squares = vec![0.0; owners.len()];
+    for run in d.fit_runs.iter().map(|r| &d.problem.runs[*r]) {
+        let mut plain = Trace::new();
+        simulate(run, &base, d.problem.dt_s, &mut plain);
+        let n = plain.len().max(1) as f64;
+        for (sets, squares) in sets.chunks(MOST).zip(squares.chunks_mut(MOST)) {
+            let traces = simulate_all(run, sets, d.problem.dt_s);
+            for (sum, trace) in squares.iter_mut().zip(&traces) {
+                for (x, y) in plain.iter().zip(trace) {
+                    let change = |k: usize| ((x[k] - y[k]) * weight[k]).powi(2);
+                    let used = (0..weight.len()).filter(|k| weight[*k] > 0.0);
+                    *sum += used.map(change).sum::<f64>() / n;
+                }
+            }
+        }
+    }
+    let runs = d.fit_runs.len().max(1) as f64;
+    let mut largest: Vec<f64> = vec![0.0; candidates.len()];
+    for (k, sum) in owners.into_iter().zip(squares) {
+        largest[k] = largest[k].max((sum / runs).sqrt());
+    }
+    largest
 }
 
 fn unseen(d: &Diagnosis, library: &[Candidate], settings: &Settings) -> Vec<Unseen> {
+    let visible = visibility(d, library);
     let mut out = Vec::new();
     for e in Effect::ALL
         .iter()
         .filter(|e| Stage::JOINT.contains(&e.stage()) && !settings.withhold.contains(e))
     {
-        let mine: Vec<&Candidate> = library.iter().filter(|c| c.effect == *e).collect();
+        let mut mine = library.iter().zip(&visible).filter(|c| c.0.effect == *e);
         if d.selection.found.iter().any(|f| f.candidate.effect == *e) {
             continue;
         }
-        let why = if mine.is_empty() {
+        let why = if library.iter().all(|c| c.effect != *e) {
             match e {
                 Effect::JointOrder => "a bench has one joint",
                 Effect::Jitter | Effect::PacketLoss => {
@@ -296,7 +302,7 @@ fn unseen(d: &Diagnosis, library: &[Candidate], settings: &Settings) -> Vec<Unse
                 Effect::ConnectorCompliance | Effect::ConnectorPlay => "a bench has no connector",
                 _ => "its parameter has no nominal value in this data set, or no signal shows it",
             }
-        } else if mine.iter().all(|c| visibility(d, c) < 1.0) {
+        } else if mine.all(|(_, visible)| *visible < 1.0) {
             "largest plausible size stays under the noise floor in these runs"
         } else {
             continue;

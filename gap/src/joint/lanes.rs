@@ -19,6 +19,7 @@ use self::state::{Memory, State};
 use super::command::Commands;
 use super::data::{CHANNELS, RunData};
 use super::param::Params;
+use super::sim::Trace;
 
 /// Steps whose set-points are worked out ahead at once: small enough for the fastest cache.
 const BLOCK: usize = 128;
@@ -29,28 +30,37 @@ trait Sink {
     fn row<F: Lane>(&mut self, first: usize, at: usize, channels: &[F; CHANNELS]);
 }
 
-/// Keeps the rows of the first parameter set.
-struct Trace<'a>(&'a mut Vec<[f64; CHANNELS]>);
+/// Keeps the rows of every parameter set.
+struct Traces<'a>(&'a mut [Trace]);
 
-impl Sink for Trace<'_> {
+impl Sink for Traces<'_> {
     #[inline(always)]
-    fn row<F: Lane>(&mut self, _: usize, _: usize, channels: &[F; CHANNELS]) {
-        self.0.push(channels.map(|c| c.put().0[0]));
+    fn row<F: Lane>(&mut self, first: usize, _: usize, channels: &[F; CHANNELS]) {
+        for (c, x) in channels.iter().enumerate() {
+            for (trace, x) in self.0[first..].iter_mut().zip(x.put().0) {
+                if c == 0 {
+                    trace.push([x; CHANNELS]);
+                } else if let Some(row) = trace.last_mut() {
+                    row[c] = x;
+                }
+            }
+        }
     }
 }
 
-/// Simulates a run for one parameter set with step `dt_s` on the registers of `level`; one entry per row.
+/// Simulates a run for all parameter sets with step `dt_s` on the registers of `level`; one trace per set, one entry per row.
 pub fn simulate_at(
     level: Level,
     run: &RunData,
-    params: &Params,
+    params: &[Params],
     dt_s: f64,
-    trace: &mut Vec<[f64; CHANNELS]>,
+    traces: &mut [Trace],
 ) {
-    trace.clear();
-    trace.reserve(run.samples.len());
-    let one = std::slice::from_ref(params);
-    dispatch::walk(level, run, one, dt_s, &mut Trace(trace));
+    for trace in traces.iter_mut() {
+        trace.clear();
+        trace.reserve(run.samples.len());
+    }
+    dispatch::walk(level, run, params, dt_s, &mut Traces(traces));
 }
 
 /// Simulates a run from its start to its end and hands every row to `sink`; `first` is the number of the first parameter set.

@@ -41,5 +41,14 @@ pub type Trace = Vec<[f64; CHANNELS]>;
 
 /// Simulates a run with step `dt_s`; one entry per row. A run that blows up gives large finite values.
 pub fn simulate(run: &RunData, p: &Params, dt_s: f64, trace: &mut Trace) {
-    simulate_at(Level::detect(), run, p, dt_s, trace);
+    let one = std::slice::from_ref(p);
+    simulate_at(Level::detect(), run, one, dt_s, std::slice::from_mut(trace));
+}
+
+/// [`simulate`] for many parameter sets; a trace for each.
+#[must_use]
+pub fn simulate_all(run: &RunData, sets: &[Params], dt_s: f64) -> Vec<Trace> {
+    let mut traces = vec![Trace::new(); sets.len()];
+    simulate_at(Level::detect(), run, sets, dt_s, &mut traces);
+    traces
 }

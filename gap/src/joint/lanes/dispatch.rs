@@ -151,7 +151,8 @@ mod tests {
         for p in &sets {
             let trace = |level: Level| {
                 let mut out = Vec::new();
-                simulate_at(level, &problem.runs[0], p, problem.dt_s, &mut out);
+                let (one, traces) = (std::slice::from_ref(p), std::slice::from_mut(&mut out));
+                simulate_at(level, &problem.runs[0], one, problem.dt_s, traces);
                 out.concat()
                     .into_iter()
                     .map(f64::to_bits)

@@ -96,7 +96,11 @@ pub(super) fn ticks<F: Lane>(m: &Model<F>, step: usize) -> bool {
 /// Motor effort `a - b dq` that the drive gives.
 #[inline(always)]
 pub(super) fn drive<F: Lane>(m: &Model<F>, s: &mut State<F>, u: F, output: Output) -> [F; 2] {
-    s.actuator += m.lag * (u - s.actuator);
+    s.actuator = if m.used.lag {
+        s.actuator + m.lag * (u - s.actuator)
+    } else {
+        u
+    };
     let u = s.actuator;
     let [mut a, mut b] = match output {
         Output::Duty | Output::Voltage => {
@@ -191,9 +195,9 @@ pub(super) fn mechanics<F: Lane>(
     s.speeds = [speed, s.dq];
     (s.driven, s.electrical) = ([a, b], electrical);
     // A run that blows up, or became NaN, is parked far away.
-    let sane = s.q.abs().le(F::splat(1e6));
-    s.q = F::select(sane, s.q, F::splat(1e6));
-    s.dq = F::select(sane, s.dq, F::zero());
+    let far = F::splat(1e6);
+    s.dq = F::select(s.q.abs().le(far), s.dq, F::zero());
+    s.q = s.q.min(far).max(-far);
 }
 
 /// Speed after a step under dry friction: an effort that stops it within the step if it can. Friction that gives is a
