@@ -38,7 +38,7 @@ fn a_robot_within_its_tolerances_has_no_gap() {
     assert!((sum - 1.0).abs() < 1e-9, "{sum}");
 }
 
-/// Data, reality, and what must be named: effect, joint, key, value, relative error.
+/// Data, reality, and what must be named: effect, joint, key, value, relative error, and the regime of the joint that holds the gap.
 type Planted<'a> = (
     &'a Plan,
     Reality,
@@ -47,6 +47,7 @@ type Planted<'a> = (
     &'static str,
     f64,
     f64,
+    Option<&'static str>,
 );
 
 #[test]
@@ -65,6 +66,7 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
             "offset_rad",
             0.05,
             0.02,
+            Some("all"),
         ),
         (
             &plain,
@@ -74,6 +76,7 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
             "delay_s",
             0.1,
             0.02,
+            Some("all"),
         ),
         (
             &plain,
@@ -83,6 +86,8 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
             "limit_rad_s",
             0.3,
             0.02,
+            // Slow motion, reversals and loads do not meet the limit.
+            Some("other"),
         ),
         (
             &plain,
@@ -92,6 +97,7 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
             "limit_nm",
             1.0,
             0.3,
+            Some("saturation"),
         ),
         (
             &plain,
@@ -101,6 +107,7 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
             "torque_nm",
             0.5,
             0.15,
+            None,
         ),
         (
             &link,
@@ -110,6 +117,8 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
             "stiffness_nm_rad",
             30.0,
             0.1,
+            // A spring yields where it is loaded.
+            Some("high_load"),
         ),
         (
             &plain,
@@ -119,9 +128,10 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
             "half_width_rad",
             0.03,
             0.3,
+            None,
         ),
     ];
-    for (plan, reality, effect, joint, key, value, relative) in cases {
+    for (plan, reality, effect, joint, key, value, relative, regime) in cases {
         let v = verdict(plan, &reality);
         let first = v
             .effects
@@ -147,6 +157,15 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
             );
         }
         assert!(v.gap.after < v.gap.before, "{}: {:?}", effect.name(), v.gap);
+        if let Some(regime) = regime {
+            let stage = effect.stage().name();
+            let place = v
+                .place
+                .iter()
+                .find(|w| w.joint == joint && w.stage == stage);
+            let of = place.map(|w| w.regime.as_str());
+            assert_eq!(of, Some(regime), "{}: {:?}", effect.name(), v.place);
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 """Joints drawn at random for `bench_reality.py`: other plants, controllers, row rates, columns and sizes than `bench_cases.py`.
 
-    bench_fresh.py FOLDER SEED COUNT      # writes COUNT data sets and their labels
+    bench_fresh.py FOLDER SEED FROM TO      # writes data sets FROM to TO - 1 of the seed, and their labels
 """
 
 import math
@@ -137,7 +137,7 @@ def case(seed, k):
 
 
 if __name__ == "__main__":
-    root, seed, count = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
-    for k in range(count):
+    root, seed = Path(sys.argv[1]), int(sys.argv[2])
+    for k in range(int(sys.argv[3]), int(sys.argv[4])):
         drawn = case(seed, k)
         generate(drawn, root / drawn.name, seed)

@@ -590,3 +590,6 @@ impl Question {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -30,6 +30,10 @@ fn python() -> Option<PathBuf> {
     works.then_some(python)
 }
 
+fn scripts() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/foreign")
+}
+
 fn sum(rows: &serde_json::Value, key: &str) -> f64 {
     let rows = rows.as_array().unwrap().iter();
     rows.map(|r| r[key].as_f64().unwrap()).sum()
@@ -67,9 +71,8 @@ pub(crate) fn played(test: &str, script: &str, names: &[&str]) -> Option<Folder>
         return None;
     };
     let folder = Folder::new(test);
-    let scripts = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/foreign");
     let made = Command::new(python)
-        .arg(scripts.join(script))
+        .arg(scripts().join(script))
         .arg(folder.path(""))
         .args(names)
         .output()
@@ -102,4 +105,24 @@ fn joints_of_another_engine_are_diagnosed() {
             None => assert_eq!(v["verdict"], "none", "{name}: {}", v["sentence"]),
         }
     }
+}
+
+/// Joints drawn at random, made and counted by the commands that docs/diagnosis.md gives.
+#[test]
+fn drawn_joints_of_another_engine_are_diagnosed_and_counted() {
+    let test = "drawn_joints_of_another_engine_are_diagnosed_and_counted";
+    // Cases 7 and 8 of seed 1: a cause each, on different plants and controllers.
+    let Some(folder) = played(test, "bench_fresh.py", &["1", "7", "9"]) else {
+        return;
+    };
+    let python = python().expect("there, or nothing would have been played");
+    let counted = Command::new(python)
+        .arg(scripts().join("score.py"))
+        .arg(env!("CARGO_BIN_EXE_rb-host"))
+        .arg(folder.path(""))
+        .output()
+        .unwrap();
+    let table = String::from_utf8_lossy(&counted.stdout);
+    let complaint = String::from_utf8_lossy(&counted.stderr);
+    assert_eq!(table.lines().last(), Some("2 of 2"), "{table}{complaint}");
 }
