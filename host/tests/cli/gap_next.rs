@@ -109,6 +109,7 @@ fn an_unknown_remainder_of_the_body_gets_the_gait_that_left_most() {
     assert_eq!(verdict["verdict"], "unknown", "{}", verdict["sentence"]);
     assert_eq!(verdict["where"][0]["stage"], "body", "{}", verdict["where"]);
     let text = verdict["next_experiment"]["text"].as_str().expect("words");
+    assert!(text.starts_with("The windows of gait"), "{text}");
     let name = behind(text, "The windows of gait ").split(' ').next();
     let sent = folder.path(&format!("case/gaits/{}.toml", name.expect("a name")));
     let sent = files_gait(&sent);

@@ -65,8 +65,12 @@ pub(super) fn robot(d: &mut WholeDiagnosis, report: Option<PathBuf>) -> Outcome 
     let model = RobotModel::default();
     let accepts = |gait: &Gait| gait_file::check(gait, &model).is_ok();
     if let Some(e) = d.experiment(&shipped::menu()?, &accepts) {
-        let text = format!(" {}", e.text);
-        return add(d.verdict_mut(), &report, &e.gait, &text);
+        let v = d.verdict_mut();
+        if let Some(next) = v.next_experiment.as_mut().filter(|_| e.look.is_none()) {
+            // Joints one by one would not show what the ground does.
+            next.text.clear();
+        }
+        return add(v, &report, &e.gait, &e.text);
     }
     let v = d.verdict_mut();
     let class = v.ambiguous.first();
@@ -83,7 +87,7 @@ pub(super) fn robot(d: &mut WholeDiagnosis, report: Option<PathBuf>) -> Outcome 
     };
     let item = item?;
     let text = format!(
-        " Hold the robot off the ground and play the gait file ({}, {:.0} s) three times.",
+        "Hold the robot off the ground and play the gait file ({}, {:.0} s) three times.",
         item.name, item.duration_s
     );
     add(v, &report, &item.gait, &text)
@@ -93,6 +97,9 @@ pub(super) fn robot(d: &mut WholeDiagnosis, report: Option<PathBuf>) -> Outcome 
 fn add(v: &mut Verdict, report: &Path, gait: &Gait, text: &str) -> Outcome {
     if let Some(next) = &mut v.next_experiment {
         next.gait = write(report, "next.toml", &files::gait::to_toml(gait))?;
+        if !next.text.is_empty() {
+            next.text.push(' ');
+        }
         next.text.push_str(text);
     }
     Ok(())
