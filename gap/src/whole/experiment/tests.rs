@@ -64,3 +64,61 @@ fn what_is_alike_is_not_promised_to_differ_and_what_is_refused_is_not_proposed()
     let slow = q.experiment(&menu(), &|g| g.name() == "paddle_slower");
     assert_eq!(slow.expect("one passes").gait.name(), "paddle_slower");
 }
+
+/// A run that was sent `gait`.
+fn sent_run(gait: &Gait) -> super::super::data::Run {
+    use super::super::data::{JointTracks, Run, Track};
+    let mut state = control::cpg::start(gait);
+    let mut joints: [JointTracks; JOINTS] = Default::default();
+    for tick in 0..240 {
+        let points = control::cpg::step(gait, &mut state, control::CYCLE_S);
+        for (joint, q) in joints.iter_mut().zip(points.as_slice()) {
+            let track = joint.command.get_or_insert_with(Track::default);
+            track.t_s.push(f64::from(tick) * 0.05);
+            track.v.push(f64::from(*q));
+        }
+    }
+    Run {
+        name: "run.csv".into(),
+        gait: 0,
+        repeat: 0,
+        role: None,
+        joints,
+        base: None,
+        bus_v: None,
+        t0_s: 0.0,
+        length_s: 11.95,
+        index: 0,
+    }
+}
+
+#[test]
+fn a_remainder_gets_its_gait_again_slower_or_for_longer() {
+    let gait = menu().remove(0);
+    let data = Arc::new(Data {
+        runs: vec![sent_run(&gait)],
+        gaits: vec!["paddle".into()],
+    });
+    for unsteady in [false, true] {
+        let q = Question {
+            open: Open::Remainder {
+                gait: 0,
+                cost: 12.0,
+                unsteady,
+            },
+            data: Arc::clone(&data),
+            ..question(Vec::new())
+        };
+        let e = q.experiment(&[], &|_| true).expect("its own gait");
+        let ratio = e.gait.frequency_hz() / gait.frequency_hz();
+        let expected = if unsteady { 1.0 } else { 0.5 };
+        assert!((ratio - expected).abs() < 1e-3, "{ratio}");
+        assert_eq!(e.gait.duration_s() > 50.0, unsteady);
+        for (a, b) in e.gait.oscillators().iter().zip(gait.oscillators()) {
+            let turned = control::math::wrap_pi(a.initial_phase_rad - b.initial_phase_rad);
+            assert!((a.amplitude_rad - b.amplitude_rad).abs() < 0.01);
+            assert!(turned.abs() < 0.02 || a.amplitude_rad < 0.01, "{a:?} {b:?}");
+        }
+        assert!(e.text.contains("gait paddle leave most (12 squared"));
+    }
+}
