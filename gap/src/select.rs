@@ -248,10 +248,7 @@ impl Search<'_> {
             return f64::INFINITY;
         }
         let known = candidates::nominal(self.objective.problem);
-        let one = |p: P| {
-            let f = known.iter().find(|f| f.p == p && f.tolerance.is_some());
-            f.map_or(f64::INFINITY, |f| f.pull(params.get(p)).abs())
-        };
+        let one = |p: P| candidates::pull(&known, p, params).unwrap_or(f64::INFINITY);
         c.free.iter().map(|f| one(f.p)).fold(0.0, f64::max)
     }
 

@@ -4,7 +4,7 @@ use files::dataset::{Command, Output};
 
 use super::{linear, log, measured};
 use crate::fit::{Free, Map};
-use crate::joint::{Channel, Nominal, P, Problem};
+use crate::joint::{Channel, Nominal, P, Params, Problem};
 
 /// Nominal parameters that may move: within a tolerance where known, freely where not.
 #[must_use]
@@ -47,18 +47,12 @@ fn plant(problem: &Problem, n: &Nominal, out: &mut Vec<Free>) {
         out.push(log(P::Ampere, known));
     }
     if volts(n) {
-        // Without a voltage measurement the supply's tolerance is one with that of the winding resistance.
-        let both = |a: f64, b: Option<f64>| (a * a + b.unwrap_or(0.0) * b.unwrap_or(0.0)).sqrt();
-        out.push(log(
-            P::Resistance,
-            k.stall.map(|t| {
-                if measured(problem, Channel::BusVoltage) {
-                    t
-                } else {
-                    both(t, k.supply)
-                }
-            }),
-        ));
+        // It follows from torque and speed of the data sheet, so their tolerances add up in it. Without a voltage measurement
+        // the supply's is one with them.
+        let unseen = k.supply.filter(|_| !measured(problem, Channel::BusVoltage));
+        let sheet = k.speed.filter(|_| n.no_load_speed.is_finite());
+        let others = libm::hypot(sheet.unwrap_or(0.0), unseen.unwrap_or(0.0));
+        out.push(log(P::Resistance, k.stall.map(|t| libm::hypot(t, others))));
         if n.no_load_speed.is_finite() {
             out.push(log(P::Motor, k.speed));
         }
@@ -66,6 +60,32 @@ fn plant(problem: &Problem, n: &Nominal, out: &mut Vec<Free>) {
             out.push(log(P::Supply, k.supply));
         }
     }
+}
+
+/// How often the supply's logarithm is in that of a motor value that was computed from a supply, a torque and a speed measured
+/// together: `V/speed` and `V^2/(speed torque)`.
+fn supplies(p: P) -> f64 {
+    match p {
+        P::Motor => 1.0,
+        P::Resistance => 2.0,
+        _ => 0.0,
+    }
+}
+
+/// Distance of a nominal parameter from what is stated, in tolerances; `None` where nothing is stated of it. A data sheet's torque
+/// and speed hold at the stated supply; measured on the bench they hold at the real one, and an error of the stated supply is
+/// in all that was computed from it. Which of the two, no data set says: the nearer one counts.
+#[must_use]
+pub fn pull(known: &[Free], p: P, params: &Params) -> Option<f64> {
+    let own = |p: P| known.iter().find(|f| f.p == p && f.tolerance.is_some());
+    let f = own(p)?;
+    let sheet = f.pull(params.get(p)).abs();
+    let Some(supply) = own(P::Supply).filter(|_| supplies(p) > 0.0) else {
+        return Some(sheet);
+    };
+    let real = params.get(P::Supply);
+    let rest = f.pull(params.get(p) / libm::pow(real, supplies(p)));
+    Some(sheet.min(libm::hypot(rest, supply.pull(real))))
 }
 
 /// How gears, inner loops and recordings are built, which no data set states.
@@ -134,5 +154,43 @@ fn exact(tolerance: f64) -> f64 {
         0.01
     } else {
         tolerance.max(1e-3)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A stated supply that is 4 % low, with a resistance computed from it 10 % low (the torque takes the rest), is within its
+    /// tolerances; the same resistance beside a right supply, or one that the supply cannot mend, is not.
+    #[test]
+    fn an_error_of_the_stated_supply_is_no_strain_of_what_was_computed_from_it() {
+        let known = [log(P::Resistance, Some(0.03)), log(P::Supply, Some(0.03))];
+        let cases = [
+            (1.10, 1.04, true),
+            (0.90, 0.96, true),
+            (1.10, 1.00, false),
+            (1.10, 0.96, false),
+            (1.30, 1.15, false),
+            (1.00, 1.20, true),
+        ];
+        for (resistance, supply, within) in cases {
+            let params = Params::default()
+                .with(P::Resistance, resistance)
+                .with(P::Supply, supply);
+            let pull = pull(&known, P::Resistance, &params);
+            assert_eq!(
+                pull.map(|x| x < 3.0),
+                Some(within),
+                "{resistance} at {supply}: {pull:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn what_is_not_stated_has_no_pull() {
+        let known = [log(P::Resistance, None)];
+        assert_eq!(pull(&known, P::Resistance, &Params::default()), None);
+        assert_eq!(pull(&known, P::Motor, &Params::default()), None);
     }
 }

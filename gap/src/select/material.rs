@@ -1,7 +1,7 @@
 //! The last word on every effect: what is not worth its place in the finished model leaves it.
 
 use super::{Found, Node, PULL, Search};
-use crate::fit::{Free, Model, Objective};
+use crate::fit::{Model, Objective};
 use crate::joint::P;
 use crate::names;
 use crate::vocabulary::Effect;
@@ -59,7 +59,7 @@ impl Search<'_> {
         let gains = self.enough(loss / self.scale(now, first)) || base && loss > 0.0;
         gains
             && !self.is_nothing(&node.model, found)
-            && (base && strained(bare, found) || self.holds(node, found, bare, first))
+            && (base && self.pulls(bare, found) || self.holds(node, found, bare, first))
     }
 
     /// Whether an effect is too small to be one: a clock that is off by less than a step at the end of the longest run moves
@@ -86,11 +86,10 @@ impl Search<'_> {
         };
         without - with > least * self.scale(with, first)
     }
-}
 
-/// Whether the model without `found` holds one of its parameters by leaving that one's tolerance all the same.
-fn strained(bare: &Model, found: &Found) -> bool {
-    let own = |f: &&Free| found.candidate.free.iter().any(|c| c.p == f.p);
-    let beyond = |f: &Free| f.pull(bare.params.get(f.p)).abs() > PULL;
-    bare.free.iter().filter(own).any(beyond)
+    /// Whether the model without `found` holds one of its parameters by leaving that one's tolerance all the same.
+    fn pulls(&self, bare: &Model, found: &Found) -> bool {
+        let pull = self.pull(&found.candidate, &bare.params);
+        pull.is_finite() && pull > PULL
+    }
 }
