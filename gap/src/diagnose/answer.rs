@@ -1,5 +1,6 @@
 //! From the search to the verdict.
 
+mod drift;
 mod interval;
 mod place;
 mod word;

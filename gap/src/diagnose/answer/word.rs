@@ -1,5 +1,6 @@
 //! The one word of the verdict, and how probable it is.
 
+use super::drift::drifts;
 use crate::diagnose::{Diagnosis, Settings};
 use crate::interface;
 use crate::verdict::{Gap, Probabilities, Word};
@@ -64,6 +65,7 @@ pub(super) fn word(d: &Diagnosis, gap: &Gap, settings: &Settings) -> Word {
         (true, false) => Word::None,
         (true, true) if repeats || gap.shrink < 0.25 => Word::Unknown,
         (true, true) => Word::PartlyExplained,
+        (false, _) if drifts(d) => Word::Unknown,
         (false, true)
             if repeats
                 && (explained(d) < 0.9 || left > 2.0 * REMAINDER)
