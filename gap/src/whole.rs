@@ -127,8 +127,6 @@ pub struct Diagnosis {
     model: Model,
     verdict: Verdict,
     joints: Vec<score::JointRow>,
-    /// Joints whose readings are in another convention.
-    readings: Vec<usize>,
     replay: Option<replay::Replay>,
     /// What a further experiment on the ground should decide.
     question: Option<experiment::Question>,
@@ -161,7 +159,7 @@ impl Diagnosis {
     /// The nominal model with the effects found switched on, those that the simulator has.
     #[must_use]
     pub fn patch(&self) -> Model {
-        patch::patched(&self.model, &self.verdict.effects, &self.readings)
+        patch::patched(&self.model, &self.verdict.effects)
     }
 
     /// The report as one page.
@@ -329,10 +327,6 @@ pub fn diagnose(
         model: model.clone(),
         verdict,
         joints,
-        readings: parts
-            .body
-            .as_ref()
-            .map_or_else(Vec::new, body::Found::readings),
         replay: None,
         question: None,
     };

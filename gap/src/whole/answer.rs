@@ -342,7 +342,12 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
     (verdict, s.joints)
 }
 
-/// Index of a permutation, for the effect `joint_order`.
+/// Index of a permutation, for the effect `joint_order`: of the joints that set-points reach, the inverse of the columns `order` that
+/// joints follow.
 pub(super) fn permutation(order: &[usize; 6]) -> f64 {
-    conventions::index(order) as f64
+    let mut reached = [0; 6];
+    for (joint, column) in order.iter().enumerate() {
+        reached[*column] = joint;
+    }
+    conventions::index(&reached) as f64
 }

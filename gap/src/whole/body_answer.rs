@@ -32,25 +32,6 @@ pub(super) struct Found {
     pub(super) unsteady: bool,
 }
 
-impl Found {
-    /// Joints whose readings were found to be off by the body.
-    pub(super) fn readings(&self) -> Vec<usize> {
-        let a = &self.answer;
-        let off = |c: &&usize| {
-            matches!(
-                a.candidates[**c].effect,
-                Effect::JointOffset | Effect::JointScale
-            )
-        };
-        a.last()
-            .members
-            .iter()
-            .filter(off)
-            .filter_map(|c| a.candidates[*c].joint)
-            .collect()
-    }
-}
-
 /// Order and signs that only the body shows: recorded and commanded in one convention, turned in another.
 fn conventions(tier: &mut Tier, theta: &[f64]) {
     let cost = |tier: &Tier| super::least::cost(&tier.residuals(theta));

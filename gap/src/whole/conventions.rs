@@ -27,8 +27,8 @@ pub(super) struct Conventions {
     pub(super) echo: [Echo; JOINTS],
     /// Torque per current over the nominal one ([`super::direct`]).
     pub(super) per_ampere: [f64; JOINTS],
-    /// Speed at which the back-EMF takes all of the measured supply; infinite where not measured.
-    pub(super) no_load_rad_s: [f64; JOINTS],
+    /// Resistance of each winding, ohm; 0 where the supply was not measured.
+    pub(super) winding_ohm: [f64; JOINTS],
 }
 
 /// Sums of a straight-line fit.
@@ -188,7 +188,7 @@ pub(super) fn find(data: &Data) -> Conventions {
         offset_rad: [0.0; JOINTS],
         echo: [Echo::NEUTRAL; JOINTS],
         per_ampere: [1.0; JOINTS],
-        no_load_rad_s: [f64::INFINITY; JOINTS],
+        winding_ohm: [0.0; JOINTS],
     };
     for j in 0..JOINTS {
         let m = &s[order[j]][j];

@@ -148,8 +148,9 @@ fn windings(data: &Data, k: usize) -> Option<[(f64, f64); 2]> {
     Some([one(0), one(1)])
 }
 
-/// Motors against their type and against each other.
-fn motors(data: &Data, conventions: &mut Conventions, out: &mut Vec<Reading>) {
+/// Motors against their type and against each other; the resistance of every winding, ohm.
+fn motors(data: &Data, conventions: &mut Conventions, out: &mut Vec<Reading>) -> [f64; JOINTS] {
+    let mut ohm = std::array::from_fn(winding_ohm);
     let all: Vec<Option<[(f64, f64); 2]>> = (0..JOINTS).map(|k| windings(data, k)).collect();
     for (what, effect) in [(0, Effect::MotorConstant), (1, Effect::WindingResistance)] {
         let known: Vec<f64> = all.iter().flatten().map(|v| v[what].0).collect();
@@ -169,6 +170,9 @@ fn motors(data: &Data, conventions: &mut Conventions, out: &mut Vec<Reading>) {
                     > BEYOND * libm::hypot(prior.recip().sqrt(), ERRORS * error);
                 let weighed = (own * ratio + prior) / (own + prior);
                 conventions.per_ampere[k] = typical * if off { ratio } else { weighed };
+            } else {
+                let [own, prior] = [error.max(1e-3), MOTOR[1]].map(|e| 1.0 / (e * e));
+                ohm[k] *= typical * (own * ratio + prior) / (own + prior);
             }
             if (ratio - 1.0).abs() > BEYOND * libm::hypot(MOTOR[what], ERRORS * error) {
                 out.push(Reading {
@@ -183,10 +187,11 @@ fn motors(data: &Data, conventions: &mut Conventions, out: &mut Vec<Reading>) {
             }
         }
     }
+    ohm
 }
 
-/// Voltage and resistance of the supply from `V = V0 - R sum(duty i)`, by run.
-fn supply(data: &Data, out: &mut Vec<Reading>) -> Option<f64> {
+/// Voltage and resistance of the supply from `V = V0 - R sum(duty i)`, by run; whether they were measured.
+fn supply(data: &Data, out: &mut Vec<Reading>) -> bool {
     let mut fits = Vec::new();
     for run in &data.runs {
         let Some(bus) = run.bus_v.as_ref() else {
@@ -215,7 +220,7 @@ fn supply(data: &Data, out: &mut Vec<Reading>) -> Option<f64> {
         fits.push([x[0], x[1]]);
     }
     if fits.is_empty() {
-        return None;
+        return false;
     }
     let column = |i: usize| fits.iter().map(|f| f[i]).collect::<Vec<_>>();
     let error = |v: &[f64], m: f64| {
@@ -241,7 +246,7 @@ fn supply(data: &Data, out: &mut Vec<Reading>) -> Option<f64> {
             gain: ((volt - SUPPLY_V) / SUPPLY_SPREAD_V).powi(2).min(1e3),
         });
     }
-    Some(volt)
+    true
 }
 
 /// The mass of the whole robot, from how much larger all joints' loads are than those of the nominal body.
@@ -274,12 +279,9 @@ pub(super) fn read(
 ) -> Vec<Reading> {
     let mut out = Vec::new();
     echo::read(data, conventions, withhold, &mut out);
-    motors(data, conventions, &mut out);
-    if let Some(volt) = supply(data, &mut out) {
-        for k in 0..JOINTS {
-            // Beyond this speed no voltage is left for torque.
-            conventions.no_load_rad_s[k] = volt / (nm_per_a(k) * conventions.per_ampere[k]);
-        }
+    let ohm = motors(data, conventions, &mut out);
+    if supply(data, &mut out) {
+        conventions.winding_ohm = ohm;
     }
     out
 }

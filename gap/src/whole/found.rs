@@ -177,6 +177,10 @@ pub(super) fn body_parameters(
     let k = joint.unwrap_or(0);
     let plain =
         |what: usize| -> Convert<'static> { Box::new(move |t: &[f64]| t[body::of_joint(k, what)]) };
+    // The body shows how a reading hangs on the link; told is how the link hangs on reading and set-point, as everywhere.
+    let opposite = |what: usize| -> Convert<'static> {
+        Box::new(move |t: &[f64]| -t[body::of_joint(k, what)])
+    };
     match effect {
         Effect::GroundFriction => vec![(
             "coefficient",
@@ -210,8 +214,8 @@ pub(super) fn body_parameters(
             vec![("stiffness_nm_rad", inverse(B::ConnectorGive as usize))]
         }
         Effect::ConnectorPlay => vec![("half_width_rad", get(B::ConnectorPlay))],
-        Effect::JointOffset => vec![("offset_rad", plain(body::OFFSET))],
-        Effect::JointScale => vec![("ratio", plain(body::RATIO))],
+        Effect::JointOffset => vec![("offset_rad", opposite(body::OFFSET))],
+        Effect::JointScale => vec![("ratio", inverse(body::of_joint(k, body::RATIO)))],
         Effect::Backlash => vec![("half_width_rad", plain(body::PLAY))],
         Effect::Compliance => vec![("stiffness_nm_rad", inverse(body::of_joint(k, body::FLEX)))],
         _ => Vec::new(),

@@ -92,7 +92,7 @@ pub(super) fn nominal(model: &Model, k: usize) -> Nominal {
         gain_tolerance: model.parameter(keys[2]).tolerance / gain.max(1e-9),
         max_speed_rad_s: speed,
         max_torque_nm: torque,
-        no_load_rad_s: f64::INFINITY,
+        winding_ohm: 0.0,
         damping_nm_s_rad: damping,
         nm_per_a: nm_per_a(k),
     }
@@ -122,13 +122,14 @@ pub(super) fn prepare(
     let current = tracks.current.as_ref().map(|c| scaled(c, nominal.nm_per_a));
     let effort = tracks.effort.as_ref().or(current.as_ref());
     let position = tracks.position.as_ref()?;
-    Some(JointRun::new(
+    let out = JointRun::new(
         &command,
         position,
         tracks.link.as_ref(),
         effort,
         load.clone(),
-    ))
+    );
+    Some(out.supplied(run.bus_v.as_ref()))
 }
 
 /// RMS difference of repeated runs over root two, rad; NaN without repeats.
@@ -230,7 +231,7 @@ impl Tier {
         loads: &[[Load; JOINTS]],
     ) -> Option<Self> {
         let nominal = Nominal {
-            no_load_rad_s: conventions.no_load_rad_s[k],
+            winding_ohm: conventions.winding_ohm[k],
             ..nominal(model, k)
         };
         let (runs, group, groups) = chosen(data, k, fit, conventions, &nominal, loads);

@@ -4,11 +4,9 @@ use files::model::{Effect as ModelEffect, EffectEntry, Model, Parameter};
 use physics::Params;
 
 use crate::verdict::EffectRow;
-use crate::vocabulary::Effect;
 
-/// `model` with every effect of `rows` that the simulator knows. On the joints `readings` the reading itself is in the other convention:
-/// the link goes where set-point and reading say only after it is taken out.
-pub(super) fn patched(model: &Model, rows: &[EffectRow], readings: &[usize]) -> Model {
+/// `model` with every effect of `rows` that the simulator knows.
+pub(super) fn patched(model: &Model, rows: &[EffectRow]) -> Model {
     let mut out = model.clone();
     out.set_name(&format!("{}, patched", model.name()));
     for row in rows {
@@ -16,20 +14,13 @@ pub(super) fn patched(model: &Model, rows: &[EffectRow], readings: &[usize]) -> 
             continue;
         };
         let info = effect.info();
-        let turned = |row: &EffectRow, x: f64| match row.effect {
-            Effect::JointOffset if row.joint.is_some_and(|k| readings.contains(&k)) => -x,
-            Effect::JointScale if row.joint.is_some_and(|k| readings.contains(&k)) => 1.0 / x,
-            _ => x,
-        };
         let parameters = info
             .parameters
             .iter()
             .map(|p| {
                 let found = row.parameters.get(p.key);
                 Parameter {
-                    value: found
-                        .map_or(p.neutral, |e| turned(row, e.value))
-                        .clamp(p.min, p.max),
+                    value: found.map_or(p.neutral, |e| e.value).clamp(p.min, p.max),
                     tolerance: found.map_or(0.0, |e| (e.ci95[1] - e.ci95[0]) / 3.92),
                     source: "gap report".into(),
                 }

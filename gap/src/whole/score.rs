@@ -61,12 +61,11 @@ pub(super) fn unit(metric: &str) -> &'static str {
 impl Scored {
     /// The servo of a state: what was read off the motors and the supply is no part of the nominal one.
     fn servo(&self, state: &State) -> Nominal {
+        if state.conventions {
+            return self.nominal;
+        }
         Nominal {
-            no_load_rad_s: if state.conventions {
-                self.nominal.no_load_rad_s
-            } else {
-                f64::INFINITY
-            },
+            winding_ohm: 0.0,
             ..self.nominal
         }
     }

@@ -77,8 +77,8 @@ pub(super) struct Nominal {
     pub(super) max_torque_nm: f64,
     /// Joint damping, N m s/rad.
     pub(super) damping_nm_s_rad: f64,
-    /// Speed at which no voltage is left for torque, rad/s.
-    pub(super) no_load_rad_s: f64,
+    /// Resistance of the winding, ohm; 0 = the supply bounds nothing.
+    pub(super) winding_ohm: f64,
     /// Torque per current at the output, N m/A.
     pub(super) nm_per_a: f64,
 }
@@ -139,6 +139,8 @@ pub(super) struct JointRun {
     twisting: Vec<f64>,
     /// Measured angle at each step.
     path: Vec<f64>,
+    /// Voltage of the supply at each step; empty where not measured.
+    bus_v: Vec<f64>,
     /// Sizes of the measured torque, as it was sampled, N m.
     strength: Vec<f64>,
     pub(super) position: Vec<Sample>,
@@ -178,6 +180,20 @@ fn averaged(track: &Track) -> Track {
 }
 
 impl JointRun {
+    /// The same under a supply of measured voltage.
+    pub(super) fn supplied(mut self, bus_v: Option<&Track>) -> Self {
+        // Half width of the straight lines through the readings, s.
+        const HALF_S: f64 = 0.1;
+        if let Some(bus) = bus_v {
+            let at = |i: usize| {
+                let t = i as f64 * STEP_S;
+                bus.line(t, HALF_S).map_or_else(|| bus.at(t), |l| l.0)
+            };
+            self.bus_v = (0..self.steps).map(at).collect();
+        }
+        self
+    }
+
     /// Prepares a run.
     pub(super) fn new(
         command: &Track,
@@ -213,6 +229,7 @@ impl JointRun {
             None => load.nm.clone(),
         };
         Self {
+            bus_v: Vec::new(),
             strength,
             twisting,
             events,
@@ -396,9 +413,15 @@ pub(super) fn simulate(run: &JointRun, nominal: &Nominal, p: &[f64], out: &mut T
     let get = |j: J| p[j as usize];
     let h = STEP_S;
     let gain = nominal.gain_per_s * get(J::Gain);
-    let vmax = (nominal.max_speed_rad_s * get(J::MaxSpeed)).min(nominal.no_load_rad_s);
+    let vmax = nominal.max_speed_rad_s * get(J::MaxSpeed);
     let tmax = nominal.max_torque_nm * get(J::MaxTorque);
-    let droop = get(J::Droop).max(1e-4);
+    let volt_s = nominal.nm_per_a * get(J::PerAmpere);
+    let mut limits = Limits {
+        droop: get(J::Droop).max(1e-4),
+        torque_nm: tmax,
+        free_rad_s: f64::INFINITY,
+        brake: nominal.winding_ohm / (volt_s * volt_s),
+    };
     let blend = if get(J::Lag) > 0.0 {
         1.0 - libm::exp(-h / get(J::Lag))
     } else {
@@ -441,6 +464,9 @@ pub(super) fn simulate(run: &JointRun, nominal: &Nominal, p: &[f64], out: &mut T
         // Half a step of the loop's own answer makes the explicit law second order.
         let v_star = (gain * e / (1.0 + 0.5 * gain * h)).clamp(-vmax, vmax);
         wanted += blend * (v_star - wanted);
+        if let Some(volt) = run.bus_v.get(i).filter(|_| limits.brake > 0.0) {
+            limits.free_rad_s = volt / volt_s;
+        }
         let mut load = run.load.at(i, p);
         if ripple {
             // Torque that repeats with the turn has a whole number of periods in it.
@@ -452,8 +478,7 @@ pub(super) fn simulate(run: &JointRun, nominal: &Nominal, p: &[f64], out: &mut T
             wanted,
             load,
             q - run.path[i],
-            droop,
-            tmax,
+            &limits,
             &Friction::at(p, wanted, load),
         );
         out.position.push(q);
@@ -501,24 +526,35 @@ fn old(position: &[f64], now: f64, back: f64) -> f64 {
     a + (b - a) * (place - i as f64)
 }
 
-/// One step of the motor against friction and load: new speed, and torque less what accelerates the regularising inertia.
-fn drive(
-    v: f64,
-    wanted: f64,
-    load: f64,
-    off: f64,
+/// What bounds a motor.
+struct Limits {
+    /// Speed lost per torque, rad/s per N m.
     droop: f64,
-    tmax: f64,
-    f: &Friction,
-) -> (f64, f64) {
+    /// Largest torque, N m.
+    torque_nm: f64,
+    /// Speed at which the supply gives no torque, rad/s; infinite where not measured.
+    free_rad_s: f64,
+    /// Speed lost per torque once the supply gives no more, rad/s per N m.
+    brake: f64,
+}
+
+/// One step of the motor against friction and load: new speed, and torque less what accelerates the regularising inertia.
+fn drive(v: f64, wanted: f64, load: f64, off: f64, l: &Limits, f: &Friction) -> (f64, f64) {
     let m = INERTIA_KG_M2 / STEP_S;
-    let stiff = 1.0 / droop;
-    let (v1, friction) = f.solve(m + stiff, m * v + stiff * wanted - load);
-    let torque = stiff * (wanted - v1);
-    if torque.abs() <= tmax {
+    let stiff = 1.0 / l.droop;
+    let (mut v1, mut friction) = f.solve(m + stiff, m * v + stiff * wanted - load);
+    let mut torque = stiff * (wanted - v1);
+    // The full supply: speed falls along the motor's own line, driving and driven.
+    let full = l.free_rad_s * wanted.signum();
+    if full.is_finite() && wanted.abs() > full.abs() - l.brake * torque * wanted.signum() {
+        let line = 1.0 / l.brake.max(l.droop);
+        (v1, friction) = f.solve(m + line, m * v + line * full - load);
+        torque = line * (full - v1);
+    }
+    if torque.abs() <= l.torque_nm {
         return (v1, friction + load);
     }
-    let limit = tmax * torque.signum();
+    let limit = l.torque_nm * torque.signum();
     let k = SURROUNDINGS_NM_RAD;
     let (v1, _) = f.solve(m + k * STEP_S, m * v + limit - load - k * off);
     (v1, limit)

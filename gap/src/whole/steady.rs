@@ -10,7 +10,7 @@ const PARTS: usize = 3;
 /// Least gain of a friction of its own in every part for the friction to be called unsteady.
 const UNSTEADY: f64 = 0.05;
 impl Tier {
-    /// Whether windows early and late in the runs want different frictions of the ground.
+    /// Whether windows early and late in the runs want different frictions of the ground: those of the other gaits, on every gait.
     pub(super) fn unsteady(&self, theta: &[f64]) -> bool {
         let costs: Vec<Vec<f64>> = FRICTIONS
             .iter()
@@ -22,29 +22,30 @@ impl Tier {
             .collect();
         let latest = self.windows.iter().map(|w| w.from_s).fold(0.0, f64::max);
         let part = |w: usize| (PARTS as f64 * self.windows[w].from_s / (latest + 1.0)) as usize;
-        let sums: Vec<Vec<f64>> = (0..PARTS)
-            .map(|p| {
-                let own: Vec<usize> = (0..self.windows.len()).filter(|w| part(*w) == p).collect();
-                costs
-                    .iter()
-                    .map(|c| own.iter().map(|w| c[*w]).sum())
-                    .collect()
-            })
-            .collect();
-        let best = |c: &[f64]| {
-            (0..c.len())
-                .min_by(|a, b| c[*a].total_cmp(&c[*b]))
-                .unwrap_or(0)
+        // Costs by part and friction of the windows that are taken.
+        let sums = |take: &dyn Fn(usize) -> bool| -> [[f64; FRICTIONS.len()]; PARTS] {
+            let mut out = [[0.0; FRICTIONS.len()]; PARTS];
+            for w in (0..self.windows.len()).filter(|w| take(*w)) {
+                let own = &mut out[part(w).min(PARTS - 1)];
+                own.iter_mut().zip(&costs).for_each(|(s, c)| *s += c[w]);
+            }
+            out
         };
-        let all: Vec<f64> = (0..FRICTIONS.len())
-            .map(|f| sums.iter().map(|s| s[f]).sum())
-            .collect();
-        let common = all[best(&all)];
-        let apart: f64 = sums.iter().map(|s| s[best(s)]).sum();
-        let values: Vec<f64> = sums.iter().map(|s| FRICTIONS[best(s)]).collect();
+        let values = apart(&sums(&|_| true)).map(|f| FRICTIONS[f]);
         let falls =
             values.windows(2).all(|v| v[1] <= v[0]) || values.windows(2).all(|v| v[1] >= v[0]);
-        falls && common - apart > UNSTEADY * common
+        let (mut common, mut parted) = (0.0, 0.0);
+        for g in 0..self.groups {
+            let others = sums(&|w| self.group[w] != g);
+            let own = sums(&|w| self.group[w] == g);
+            let one = together(&others);
+            let each = apart(&others);
+            for (sum, friction) in own.iter().zip(each) {
+                common += sum[one];
+                parted += sum[friction];
+            }
+        }
+        falls && common - parted > UNSTEADY * common
     }
 
     /// Mean square of the errors of every window.
@@ -59,4 +60,23 @@ impl Tier {
         }
         out
     }
+}
+
+/// The friction of least cost in every part.
+fn apart(sums: &[[f64; FRICTIONS.len()]; PARTS]) -> [usize; PARTS] {
+    sums.map(|s| least(&s))
+}
+
+/// The friction of least cost in all parts together.
+fn together(sums: &[[f64; FRICTIONS.len()]; PARTS]) -> usize {
+    let all: Vec<f64> = (0..FRICTIONS.len())
+        .map(|f| sums.iter().map(|s| s[f]).sum())
+        .collect();
+    least(&all)
+}
+
+fn least(costs: &[f64]) -> usize {
+    (0..costs.len())
+        .min_by(|a, b| costs[*a].total_cmp(&costs[*b]))
+        .unwrap_or(0)
 }

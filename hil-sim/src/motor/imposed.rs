@@ -29,6 +29,14 @@ pub fn available_torque_nm(
     torque_per_ampere(params, state, direction) * current_a
 }
 
+/// The motor's own line at full duty: speed without torque [rad/s], and speed lost per torque [rad/s per N m].
+#[must_use]
+pub fn speed_line(params: &JointParams, state: &JointState, bus_v: f64) -> [f64; 2] {
+    let volt_s = electrical::torque_constant_nm_a(params, state) * params.motor.ratio;
+    let ohm = electrical::winding_resistance_ohm(params, state);
+    [bus_v / volt_s, ohm / (volt_s * volt_s)]
+}
+
 /// What resists + motion inside the joint: friction, less ripple and the hysteretic spring's torque [N m]. Advances bristle and spring.
 #[must_use]
 pub fn resistance_nm(params: &JointParams, state: &mut JointState, dt_s: f64) -> f64 {

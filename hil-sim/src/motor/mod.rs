@@ -16,7 +16,7 @@ pub use electrical::{
     ElectricalParams, current_limit_a, torque_constant_nm_a, winding_resistance_ohm,
 };
 pub use friction::FrictionParams;
-pub use imposed::{available_torque_nm, bear, resistance_nm};
+pub use imposed::{available_torque_nm, bear, resistance_nm, speed_line};
 pub use params::{ExtraParams, JointParams, ParamError, RippleParams};
 pub use presets::JointKind;
 pub use thermal::ThermalParams;

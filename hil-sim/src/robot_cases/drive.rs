@@ -79,6 +79,10 @@ pub(super) const TICK_S: f64 = 1e-3;
 const SHUNT_S: f64 = 2e-3;
 /// Inertia of gear output and link flange where the rotor is a body of its own, kg m2.
 pub(super) const FLANGE_KG_M2: f64 = 1e-3;
+/// Speed by which a joint may miss what it was asked for and count as following: what sweeps of the solver leave, rad/s.
+const BEHIND_RAD_S: f64 = 0.02;
+/// Average of the torque that sets the speed at full duty, s: shorter ones ring with the body's own constraint.
+const LINE_S: f64 = 0.02;
 /// Stiffness of the stops when play is set and compliance is not, N m/rad: 2 mrad under 2 N m.
 const STOP_NM_RAD: f64 = 1.0e3;
 /// Damping ratio of spring and stops with the flange and a light link (5e-3 kg m2).
@@ -96,6 +100,8 @@ pub(super) struct DriveState {
     pub(super) motor: JointState,
     link_nm: f64,
     inner_nm: f64,
+    /// Torque of the motor, averaged over [`LINE_S`], N m.
+    steady_nm: f64,
     /// Current as the driver reads it, A.
     pub(super) current_a: f64,
     /// Inertia that the body was last told to add, kg m2.
@@ -113,6 +119,7 @@ impl DriveState {
             motor: JointState::at_rest(angle_rad, ambient_c),
             link_nm: 0.0,
             inner_nm: 0.0,
+            steady_nm: 0.0,
             current_a: 0.0,
             armature_kg_m2: 0.0,
         }
@@ -179,18 +186,33 @@ impl DriveState {
         dt_s: f64,
     ) -> JointDrive {
         let given_nm = self.link_nm + self.inner_nm;
-        let direction = if given_nm >= 0.0 { 1.0 } else { -1.0 };
+        self.steady_nm += (given_nm - self.steady_nm) * (dt_s / LINE_S).min(1.0);
+        // No duty beyond the full one: the line of the motor bounds the speed both ways, driving and driven.
+        let [free_rad_s, lost] = motor::speed_line(&p.motor, &self.motor, bus_v);
+        let bound = lost * self.steady_nm;
+        let asked_rad_s = self.asked_rad_s.clamp(
+            -(free_rad_s + bound).max(0.0),
+            (free_rad_s - bound).max(0.0),
+        );
+        // A joint that is not as fast as asked is driven there, or braked; one that is gives what it has to.
+        let behind_rad_s = asked_rad_s - link_rad_s;
+        let rigid = p.motor.transmission.is_rigid();
+        let way = if rigid && behind_rad_s.abs() > BEHIND_RAD_S {
+            behind_rad_s
+        } else {
+            given_nm
+        };
+        let direction = if way >= 0.0 { 1.0 } else { -1.0 };
         let most_nm = motor::available_torque_nm(&p.motor, &self.motor, bus_v, direction);
-        if p.motor.transmission.is_rigid() {
+        if rigid {
             return JointDrive::Speed {
-                rad_s: self.asked_rad_s,
+                rad_s: asked_rad_s,
                 limit_nm: (most_nm - direction * self.inner_nm).max(0.0),
             };
         }
         // A rotor that cannot give more is carried along by the link.
-        let slips =
-            given_nm.abs() > most_nm && self.asked_rad_s * direction > link_rad_s * direction;
-        self.motor.gear_rad_s = if slips { link_rad_s } else { self.asked_rad_s };
+        let slips = given_nm.abs() > most_nm && asked_rad_s * direction > link_rad_s * direction;
+        self.motor.gear_rad_s = if slips { link_rad_s } else { asked_rad_s };
         self.motor.gear_rad += self.motor.gear_rad_s * dt_s;
         self.link_nm = spring_nm(p, &self.motor, link_rad, link_rad_s);
         JointDrive::Torque { nm: self.link_nm }

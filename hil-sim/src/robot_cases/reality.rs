@@ -6,7 +6,7 @@ use files::model::{Effect, Key, Model, Parameter};
 use physics::Params;
 
 use super::drive::{Convention, DriveParams, ServoParams};
-use super::{CAMERA_HEIGHT_M, JOINTS, Planted, SUPPLY_V};
+use super::{JOINTS, Planted, SUPPLY_V};
 use crate::driver::transport::TransportParams;
 use crate::motor::JointKind;
 use crate::rng::Rng;
@@ -131,6 +131,7 @@ impl Reality {
         Some(reality)
     }
 
+    /// Plants a cause. A ratio is one to the stated nominal value, so it takes the place of what was drawn within its tolerance.
     fn plant(&mut self, cause: &Planted, model: &mut Model) {
         let value = |k: usize| cause.parameters.get(k).map_or(0.0, |p| p.1);
         let (x, y) = (value(0), value(1));
@@ -144,10 +145,10 @@ impl Reality {
                 self.order_of_readings = cause.readings_too;
             }
             "clock_skew" => self.clock = x,
-            "supply_voltage" => self.supply.voltage_v *= x / SUPPLY_V,
+            "supply_voltage" => self.supply.voltage_v = x,
             "supply_sag" => self.supply.resistance_ohm = x,
             "friction_drift" => self.friction_drift_1_s = x,
-            "camera_height" => self.camera.height_m *= x / CAMERA_HEIGHT_M,
+            "camera_height" => self.camera.height_m = x,
             "camera_offset" => (self.camera.x_m, self.camera.y_m) = (x, y),
             "camera_yaw" => self.camera.yaw_rad = x,
             "camera_time_shift" => self.camera.shift_s = x,
@@ -163,6 +164,8 @@ impl Reality {
         let convention = &mut self.conventions[joint];
         convention.readings_too |= cause.readings_too;
         let (servo, motor) = (&mut drive.servo, &mut drive.motor);
+        let kind = JointKind::METAMODULE[joint.min(JOINTS - 1)];
+        let stated = self::drive(kind, &stated_model(), &mut |value, _| value).servo;
         let x = v[0];
         match cause.effect {
             "joint_sign" => convention.sign = x,
@@ -172,14 +175,14 @@ impl Reality {
             "jitter" => drive.transport.jitter_s = x,
             "packet_loss" => drive.transport.loss_probability = x,
             "quantisation" => drive.transport.quantisation_rad = x,
-            "loop_gain" => servo.gain_1_s *= x,
-            "damping_gain" => servo.damping_nm_s_rad *= x,
+            "loop_gain" => servo.gain_1_s = x * stated.gain_1_s,
+            "damping_gain" => servo.damping_nm_s_rad = x * stated.damping_nm_s_rad,
             "deadband" => servo.deadband_rad = x,
             "velocity_limit" => servo.max_speed_rad_s = x,
             "feedback_delay" => servo.feedback_delay_s = x,
             "motor_lag" => servo.lag_s = x,
-            "motor_constant" => motor.electrical.motor_constant_ratio *= x,
-            "winding_resistance" => motor.electrical.winding_resistance_ratio *= x,
+            "motor_constant" => motor.electrical.motor_constant_ratio = x,
+            "winding_resistance" => motor.electrical.winding_resistance_ratio = x,
             "current_limit" => motor.electrical.current_limit_a = x,
             "torque_limit" => motor.electrical.torque_limit_nm = x,
             "thermal_derating" => {
