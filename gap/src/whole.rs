@@ -228,8 +228,8 @@ pub fn diagnose(
     }
     let mut conventions = conventions::find(&data);
     let mut direct = direct::read(&data, &mut conventions, &settings.withhold);
-    let body = body::Tier::new(&data, model, &params, &fit_runs)
-        .map(|tier| body::diagnose(tier, &settings.withhold));
+    let mut body = body::Tier::new(&data, model, &params, &fit_runs)
+        .map(|tier| body::diagnose(&data, tier, &settings.withhold));
     // Where readings stand in another order too, all that follows looks at each joint's own.
     let order = body.as_ref().map(|b| b.tier.order);
     let moved = order.filter(|o| o.iter().enumerate().any(|(k, from)| k != *from));
@@ -241,12 +241,25 @@ pub fn diagnose(
         conventions = conventions::find(&data);
         direct = direct::read(&data, &mut conventions, &settings.withhold);
     }
-    // Loads on the joints come from the body as it was found to be.
-    let found = body
-        .as_ref()
-        .map(|b| Arc::new(b.tier.params(&b.answer.last().theta)));
     let mut replayed = windows::cut(&data, 1.0, 0.9);
-    let loads = loads::weighed(&data, &mut replayed, found.as_ref().unwrap_or(&params));
+    if let Some(body) = &mut body {
+        loads::doubt(body, |with| {
+            let loads = loads::replay(&data, &mut replayed.clone(), with);
+            (0..JOINTS)
+                .filter_map(|k| Tier::new(&data, model, k, &fit_runs, &conventions, &loads))
+                .filter_map(|tier| joints::load_ratio(&tier, model, &conventions))
+                .collect()
+        });
+    }
+    // Loads on the joints come from the body as it was found to be.
+    let (found, links) = match &body {
+        Some(b) => {
+            let theta = &b.answer.last().theta;
+            (Arc::new(b.tier.params(theta)), b.tier.links(theta))
+        }
+        None => (Arc::clone(&params), Default::default()),
+    };
+    let loads = loads::weighed(&data, &mut replayed, (&found, &links));
     let mut tiers: Vec<Tier> = (0..JOINTS)
         .filter_map(|k| Tier::new(&data, model, k, &fit_runs, &conventions, &loads))
         .collect();
@@ -300,6 +313,7 @@ pub fn diagnose(
         if moved.is_some() {
             s.order = std::array::from_fn(|k| k);
         }
+        s.measure(&data, &b.answer.last().theta);
     }
     let mut score = Score::new(
         &data,
@@ -330,7 +344,7 @@ pub fn diagnose(
         replay: None,
         question: None,
     };
-    let open = rivals::open(&parts, &out.verdict, model, &out.readings);
+    let open = rivals::open(&parts, &out.verdict, model);
     out.question = open.map(|open| experiment::Question::new(open, &parts));
     out.add_rollouts(&parts.data, &score_runs, &params);
     let similar = |params: &Arc<Params>| {

@@ -102,6 +102,8 @@ pub(super) struct Tier {
     base: Params,
     pub(super) model: Model,
     pub(super) windows: Vec<Window>,
+    /// All windows with their groups, those that tip too.
+    all: (Vec<Window>, Vec<usize>),
     targets: Vec<[Target; SAMPLES]>,
     /// Covariance of the numbers of each window without the floor, and the way to each instant, m.
     spreads: Vec<Spread>,
@@ -153,12 +155,13 @@ impl Tier {
         if windows.is_empty() {
             return None;
         }
-        windows::replay(data, &mut windows, params, PERIOD_S);
+        let plain = [LinkMap::default(); JOINTS];
+        windows::replay(data, &mut windows, params, &plain, PERIOD_S);
         windows::measured(data, &mut windows, joints::damping_nm_s(model));
         let mut names: Vec<usize> = windows.iter().map(|w| w.gait).collect();
         names.sort_unstable();
         names.dedup();
-        let group = windows
+        let group: Vec<usize> = windows
             .iter()
             .filter_map(|w| names.iter().position(|n| *n == w.gait))
             .collect();
@@ -170,6 +173,7 @@ impl Tier {
             factors: Vec::new(),
             floor: FLOOR,
             groups: names.len(),
+            all: (windows.clone(), group.clone()),
             group,
             windows,
             maps: [LinkMap::default(); JOINTS],
@@ -192,14 +196,10 @@ impl Tier {
     /// Measures how windows depend on their start, on a ground soft enough that most of them can be told: on soft ground the feet
     /// stand in it, from where a hard one throws the robot.
     fn settle(&mut self, data: &Data, mut theta: Vec<f64>) {
-        let (windows, group) = (self.windows.clone(), self.group.clone());
         for give in SOFTER {
             theta[B::GroundGive as usize] = give;
-            self.windows.clone_from(&windows);
-            self.group.clone_from(&group);
-            self.chaotic = 0;
             self.measure(data, &theta);
-            if 2 * self.windows.len() >= windows.len() {
+            if 2 * self.windows.len() >= self.all.0.len() {
                 return;
             }
         }
@@ -212,7 +212,9 @@ impl Tier {
     }
 
     /// Takes measured poses and finds out how each window depends on its start and on the time step.
-    fn measure(&mut self, data: &Data, theta: &[f64]) {
+    pub(super) fn measure(&mut self, data: &Data, theta: &[f64]) {
+        (self.windows, self.group) = self.all.clone();
+        self.chaotic = 0;
         let plain = windows::options(false);
         let nominal = windows::run(&self.trials(theta), &plain);
         let fine = physics::Options {
@@ -403,14 +405,19 @@ impl Tier {
         p
     }
 
-    fn trials(&self, theta: &[f64]) -> Vec<Trial> {
-        let params = Arc::new(self.params(theta));
-        let maps: [LinkMap; JOINTS] = std::array::from_fn(|k| LinkMap {
+    /// How readings hang on links.
+    pub(super) fn links(&self, theta: &[f64]) -> [LinkMap; JOINTS] {
+        std::array::from_fn(|k| LinkMap {
             offset_rad: self.maps[k].offset_rad + theta[of_joint(k, OFFSET)],
             ratio: self.maps[k].ratio * theta[of_joint(k, RATIO)],
             play_rad: theta[of_joint(k, PLAY)],
             flex: theta[of_joint(k, FLEX)],
-        });
+        })
+    }
+
+    fn trials(&self, theta: &[f64]) -> Vec<Trial> {
+        let params = Arc::new(self.params(theta));
+        let maps = self.links(theta);
         self.windows
             .iter()
             .map(|w| w.trial(&params, &maps, &self.order))

@@ -3,7 +3,7 @@
 use super::answer::REMAINDER;
 use super::body::{B, Tier};
 use super::body_library::{candidates, coordinates};
-use super::data::JOINTS;
+use super::data::{Data, JOINTS};
 use super::inertial;
 use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Search};
 use crate::math;
@@ -71,7 +71,7 @@ fn conventions(tier: &mut Tier, theta: &[f64]) {
 }
 
 /// Diagnoses the body.
-pub(super) fn diagnose(mut tier: Tier, withhold: &[Effect]) -> Found {
+pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Found {
     let mut coordinates = coordinates(&tier.model);
     let mut candidates = candidates(tier.link_measured);
     candidates.retain(|c| !withhold.contains(&c.effect));
@@ -101,7 +101,11 @@ pub(super) fn diagnose(mut tier: Tier, withhold: &[Effect]) -> Found {
                 .insert(0, c.free.iter().map(|i| coordinates[*i].neutral).collect());
         }
     }
+    let told = (tier.maps, tier.order);
     conventions(&mut tier, &start);
+    if (tier.maps, tier.order) != told {
+        tier.measure(data, &start);
+    }
     let seek = |tier: &Tier, sure: Option<&Fit>| {
         let searched = Searched {
             tier,
@@ -111,6 +115,11 @@ pub(super) fn diagnose(mut tier: Tier, withhold: &[Effect]) -> Found {
         searched.seek(&start, sure)
     };
     let mut answer = seek(&tier, None);
+    if !answer.last().members.is_empty() {
+        // In another posture or on another ground a start matters otherwise.
+        tier.measure(data, &answer.last().theta);
+        answer = seek(&tier, None);
+    }
     let mut sure = telling(&tier, &answer);
     // Wider than two honest engines differ only where a remainder would be claimed.
     while answer.last().cost > (if tier.exact() { FOREIGN } else { REMAINDER }) && tier.widen() {

@@ -179,13 +179,13 @@ fn joints(link_measured: bool, out: &mut Vec<Candidate>) {
             Effect::JointOffset,
             Some(k),
             &j(OFFSET),
-            &[&[0.04], &[-0.04]],
+            &[&[0.04], &[-0.04], &[0.15], &[-0.15], &[0.4], &[-0.4]],
         ));
         out.push(candidate(
             Effect::JointScale,
             Some(k),
             &j(RATIO),
-            &[&[0.93], &[1.07]],
+            &[&[0.93], &[1.07], &[0.8], &[1.25]],
         ));
         if !link_measured {
             out.push(candidate(

@@ -6,6 +6,7 @@ use super::Parts;
 use super::answer::permutation;
 use super::body::{self, B};
 use super::camera::C;
+use super::inertial;
 use super::search::{Answer, Fit};
 use super::servo::{J, Nominal};
 use crate::math;
@@ -244,9 +245,9 @@ pub(super) fn estimates(
         let mut square = 0.0;
         for i in free {
             let mut t = fit.theta.clone();
-            t[*i] += fit.deviation[*i];
+            t[*i] += fit.spread[*i];
             let up = f(&t) - value;
-            t[*i] = fit.theta[*i] - fit.deviation[*i];
+            t[*i] = fit.theta[*i] - fit.spread[*i];
             let down = value - f(&t);
             let half = 0.5 * (up + down);
             square += half * half;
@@ -261,6 +262,15 @@ pub(super) fn estimates(
         )
     };
     parameters.iter().map(one).collect()
+}
+
+/// `estimates` that a sensor with this error, one standard deviation, had a part in.
+fn sensed(mut estimates: BTreeMap<String, Estimate>, error: f64) -> BTreeMap<String, Estimate> {
+    for e in estimates.values_mut() {
+        let half = libm::hypot(0.5 * (e.ci95[1] - e.ci95[0]), 1.96 * error);
+        e.ci95 = [e.value - half, e.value + half];
+    }
+    estimates
 }
 
 /// Standard deviations that a rival is worse: likelihood ratio of two fits to errors of unknown size.
@@ -393,12 +403,15 @@ fn all(d: &Parts) -> Vec<Item> {
     }
     if let Some(b) = &d.body {
         let last = b.answer.last();
+        let sloped = b.tier.slope.is_some();
         out.extend(members(&b.answer, Place::Body, |c| {
-            estimates(
-                &body_parameters(c.effect, c.joint, d.friction),
-                &c.free,
-                last,
-            )
+            let parameters = body_parameters(c.effect, c.joint, d.friction);
+            let own = estimates(&parameters, &c.free, last);
+            if sloped && c.effect == Effect::GroundSlope {
+                sensed(own, inertial::SLOPE_RAD)
+            } else {
+                own
+            }
         }));
     }
     if let Some(c) = &d.camera {

@@ -472,6 +472,12 @@ fn start(tier: &Tier, model: &Model, conventions: &Conventions) -> (Vec<Coordina
     (coordinates, nominal)
 }
 
+/// Measured torque of a nominal joint over its replayed load.
+pub(super) fn load_ratio(tier: &Tier, model: &Model, conventions: &Conventions) -> Option<f64> {
+    let (_, nominal) = start(tier, model, conventions);
+    tier.load_ratio(&nominal, false)
+}
+
 /// Diagnoses one joint.
 pub(super) fn diagnose(
     mut tier: Tier,

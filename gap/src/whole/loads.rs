@@ -15,7 +15,7 @@ use super::direct::{Reading, exact, mass};
 use super::joints::{Found, Tier};
 use super::search::Evaluate;
 use super::servo::Load;
-use super::windows::Window;
+use super::windows::{LinkMap, Window};
 use super::{body, least, servo, windows};
 use crate::math;
 use crate::vocabulary::Effect;
@@ -31,8 +31,8 @@ pub(super) struct Replay<'a> {
 
 /// Standard deviations, of tolerance and reading together, by which the friction must be off to be named.
 ///
-/// Chosen: one null robot in a hundred shows its friction beyond 2.5.
-const FRICTION_TOLERANCES: f64 = 2.5;
+/// Chosen: robots with other causes show 1.2 of a nominal friction, which is 3.
+const FRICTION_TOLERANCES: f64 = 3.5;
 /// Relative error of a friction that is read off the torques (emulated robots with 0.4 and 0.8 of the nominal friction).
 const FRICTION_ERROR: f64 = 0.05;
 /// Cost of the windows over that with the friction found so far, above which the friction is not what the torques show: a true
@@ -51,8 +51,9 @@ impl Replay<'_> {
 
     /// Median over the joints of measured over replayed load, with the ground's friction times `scale`.
     fn ratios(&self, found: &body::Found, windows: &mut [Window], scale: f64) -> Vec<f64> {
-        let params = Arc::new(found.tier.params(&scaled(found, scale)));
-        let loads = replay(self.data, windows, &params);
+        let theta = scaled(found, scale);
+        let params = Arc::new(found.tier.params(&theta));
+        let loads = replay(self.data, windows, (&params, &found.tier.links(&theta)));
         let one = |f: &Found| {
             let k = f.tier.joint;
             let tier = Tier::new(
@@ -136,11 +137,39 @@ pub(super) struct Cause {
     pub(super) instead: Option<Reading>,
 }
 
+/// Takes a ground's friction out of `found` that the torques of all joints speak against: with it the replayed loads are farther from the
+/// measured ones than with the nominal friction. `tiers` gives the joints with loads replayed.
+pub(super) fn doubt(
+    found: &mut body::Found,
+    ratios: impl Fn((&Arc<Params>, &[LinkMap; JOINTS])) -> Vec<f64>,
+) {
+    // Null robots show loads between 0.85 and 1.05 of the measured ones; a friction of 0.45 halves them.
+    const FARTHER: f64 = 0.2;
+    let answer = &found.answer;
+    let last = answer.last();
+    let is = |m: &&usize| answer.candidates[**m].effect == Effect::GroundFriction;
+    let Some(at) = last.members.iter().position(|m| is(&m)) else {
+        return;
+    };
+    let far = |theta: &[f64]| {
+        let params = Arc::new(found.tier.params(theta));
+        let all = ratios((&params, &found.tier.links(theta)));
+        (all.len() >= 4).then(|| libm::log(math::median(&all).max(1e-6)).abs())
+    };
+    let without = answer.removed_alone[at].0.clone();
+    let (Some(with), Some(plain)) = (far(&last.theta), far(&without.theta)) else {
+        return;
+    };
+    if with > plain + FARTHER {
+        found.answer.drop_member(at, without);
+    }
+}
+
 /// Loads of all joints by run.
 pub(super) fn replay(
     data: &Data,
     windows: &mut [Window],
-    params: &Arc<Params>,
+    (params, maps): (&Arc<Params>, &[LinkMap; JOINTS]),
 ) -> Vec<[Load; JOINTS]> {
     let plain = |nm: [Vec<f64>; JOINTS]| {
         nm.map(|nm| Load {
@@ -148,7 +177,7 @@ pub(super) fn replay(
             gravity_nm: Vec::new(),
         })
     };
-    let all = windows::replay(data, windows, params, servo::STEP_S);
+    let all = windows::replay(data, windows, params, maps, servo::STEP_S);
     all.into_iter().map(plain).collect()
 }
 
@@ -157,12 +186,12 @@ pub(super) fn replay(
 pub(super) fn weighed(
     data: &Data,
     windows: &mut [Window],
-    params: &Arc<Params>,
+    (params, maps): (&Arc<Params>, &[LinkMap; JOINTS]),
 ) -> Vec<[Load; JOINTS]> {
-    let mut out = replay(data, windows, params);
+    let mut out = replay(data, windows, (params, maps));
     let mut heavy = Params::clone(params);
     heavy.joints.iter_mut().for_each(|j| j.gravity_ratio += 1.0);
-    let twice = windows::replay(data, windows, &Arc::new(heavy), servo::STEP_S);
+    let twice = windows::replay(data, windows, &Arc::new(heavy), maps, servo::STEP_S);
     for (run, heavy) in out.iter_mut().zip(twice) {
         for (load, heavy) in run.iter_mut().zip(heavy) {
             load.gravity_nm = heavy.iter().zip(&load.nm).map(|(a, b)| a - b).collect();

@@ -10,8 +10,9 @@ use super::servo::{self, Left, Trace};
 
 /// Share of the remainder of unseen gaits that a feature must predict to be a law.
 ///
-/// Emulated robots: at most 0.09 on nulls and known effects, 0.24 and more where a spring yields or friction depends on the place.
-pub(super) const LAW: f64 = 0.15;
+/// Emulated robots: at most 0.09 on nulls, 0.2 where another joint's effect spoils the replayed loads, 0.24 and more where a spring yields
+/// or friction depends on the place.
+pub(super) const LAW: f64 = 0.2;
 /// How many times as much as a law effects may leave.
 pub(super) const RIVAL: f64 = 1.3;
 /// Speed below which a direction of motion is none, rad/s.

@@ -55,7 +55,7 @@ fn values(d: &Parts, item: &Item, effect: Effect) -> Option<BTreeMap<String, Est
 }
 
 /// The first class of the verdict, where the body alone holds it.
-fn class(d: &Parts, v: &Verdict, model: &Model, readings: &[usize]) -> Option<Vec<Explanation>> {
+fn class(d: &Parts, v: &Verdict, model: &Model) -> Option<Vec<Explanation>> {
     let class = v.ambiguous.first()?;
     let members = class.members.iter();
     let body = |stage: &str, joint: Option<usize>| stage == Stage::Body.name() && joint.is_none();
@@ -81,7 +81,7 @@ fn class(d: &Parts, v: &Verdict, model: &Model, readings: &[usize]) -> Option<Ve
         Some(Explanation {
             effect,
             parameters,
-            model: patched(model, &rows, readings),
+            model: patched(model, &rows),
         })
     };
     let all: Vec<Explanation> = members.filter_map(|m| explain(m.effect)).collect();
@@ -106,7 +106,7 @@ fn remainder(d: &Parts, v: &Verdict) -> Option<Open> {
 }
 
 /// What a further experiment on the ground should decide; `None` where nothing is open about the body.
-pub(super) fn open(d: &Parts, v: &Verdict, model: &Model, readings: &[usize]) -> Option<Open> {
-    let class = class(d, v, model, readings).map(Open::Class);
+pub(super) fn open(d: &Parts, v: &Verdict, model: &Model) -> Option<Open> {
+    let class = class(d, v, model).map(Open::Class);
     class.or_else(|| remainder(d, v))
 }

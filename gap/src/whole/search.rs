@@ -10,6 +10,9 @@ pub(super) use super::terms::{Answer, Candidate, Coordinate, Evaluate, Fit, Limi
 /// A candidate with more starts than this is searched by its starts alone.
 const DENSE: usize = 20;
 
+/// Error of a fitted value as a share of its distance from the neutral one: two honest simulators of one law differ by this (time step,
+/// sweeps; emulated robots).
+const LAW: f64 = 0.02;
 /// Slope squared below which a residual does not depend on a number.
 const FLAT: f64 = 1e-12;
 
@@ -246,18 +249,27 @@ impl<E: Evaluate> Search<'_, E> {
             folds.push(held.max(0.0));
         }
         let groups = used.len().max(1) as f64;
-        let (mut a, mut b, _, _) = total(blocks, &|_| true);
-        regular(&mut a, &mut b, 1.0);
         let cost = cost(residuals);
+        let scale = cost.max(self.limits.floor) * groups / self.limits.independent;
+        let apart = self.apart(blocks, &used, free, &regular);
+        let (mut a, mut b, _, _) = total(blocks, &|_| true);
+        // The border of a tolerance bounds a value, not what is known about it.
+        let mut open = a.clone();
+        for j in 0..n {
+            open[j * n + j] += weight * prior[j].0 + 1e-15;
+        }
+        regular(&mut a, &mut b, 1.0);
         let mut deviation = vec![0.0; theta.len()];
+        let mut spread = vec![0.0; theta.len()];
         for (j, i) in free.iter().enumerate() {
             let mut unit = vec![0.0; n];
             unit[j] = 1.0;
-            let inverse = solve(&a, &unit)[j];
-            let scale = cost.max(self.limits.floor) * groups / self.limits.independent;
             // A number without a slope (one that is counted) is as it is.
             if a[j * n + j] > FLAT {
-                deviation[*i] = (inverse * scale).max(0.0).sqrt();
+                let variance = |a: &[f64]| (solve(a, &unit)[j] * scale).max(0.0);
+                let law = LAW * (theta[*i] - self.coordinates[*i].neutral);
+                deviation[*i] = variance(&a).sqrt();
+                spread[*i] = libm::hypot(variance(&open).max(apart[j]).sqrt(), law);
             }
         }
         Fit {
@@ -268,7 +280,39 @@ impl<E: Evaluate> Search<'_, E> {
             held_out: folds.iter().sum::<f64>() / groups,
             folds,
             deviation,
+            spread,
         }
+    }
+
+    /// Variance of every free coordinate as the gaits disagree: jackknife by one step from the fit, widened for few gaits.
+    fn apart(
+        &self,
+        blocks: &[Block],
+        used: &[usize],
+        free: &[usize],
+        regular: &dyn Fn(&mut [f64], &mut [f64], f64),
+    ) -> Vec<f64> {
+        let (n, count) = (free.len(), used.len() as f64);
+        if used.len() < 3 {
+            return vec![0.0; n];
+        }
+        let steps: Vec<Vec<f64>> = used
+            .iter()
+            .map(|left| {
+                let (mut a, mut b, _, rest) = total(blocks, &|g| g != *left);
+                regular(&mut a, &mut b, rest / count);
+                solve(&a, &b)
+            })
+            .collect();
+        // Student's t over the normal quantile, to first order in one over the degrees of freedom.
+        let few = 1.0 + 1.2 / (count - 1.0);
+        (0..n)
+            .map(|j| {
+                let mean = steps.iter().map(|s| s[j]).sum::<f64>() / count;
+                let square: f64 = steps.iter().map(|s| (s[j] - mean).powi(2)).sum();
+                few * few * (count - 1.0) / count * square
+            })
+            .collect()
     }
 
     /// Least gain of the held-out cost for an effect to be believed.

@@ -9,6 +9,9 @@ const FRICTIONS: [f64; 9] = [0.3, 0.42, 0.55, 0.7, 0.85, 1.0, 1.2, 1.5, 1.9];
 const PARTS: usize = 3;
 /// Least gain of a friction of its own in every part for the friction to be called unsteady.
 const UNSTEADY: f64 = 0.05;
+/// Least ratio of the first part's friction to the last's, or the other way round: robots on a ground that stays show 1.2.
+const FAR: f64 = 1.4;
+
 impl Tier {
     /// Whether windows early and late in the runs want different frictions of the ground: those of the other gaits, on every gait.
     pub(super) fn unsteady(&self, theta: &[f64]) -> bool {
@@ -45,7 +48,8 @@ impl Tier {
                 parted += sum[friction];
             }
         }
-        falls && common - parted > UNSTEADY * common
+        let far = libm::log(values[0] / values[PARTS - 1]).abs() > libm::log(FAR);
+        falls && far && common - parted > UNSTEADY * common
     }
 
     /// Mean square of the errors of every window.

@@ -78,6 +78,8 @@ pub(super) struct Fit {
     pub(super) groups: Vec<f64>,
     /// Standard deviation of each free coordinate, by coordinate; 0 where fixed.
     pub(super) deviation: Vec<f64>,
+    /// The same with what gaits, borders of tolerances and two simulators of one law disagree by.
+    pub(super) spread: Vec<f64>,
 }
 
 /// A rival of a found effect.
@@ -113,6 +115,14 @@ pub(super) struct Answer {
 }
 
 impl Answer {
+    /// Goes back to `without`, the last step without its member number `at`.
+    pub(super) fn drop_member(&mut self, at: usize, without: Fit) {
+        self.rivals.remove(at);
+        self.removed_alone.remove(at);
+        self.strengths.remove(at);
+        self.steps.push(without);
+    }
+
     /// The final fit.
     pub(super) fn last(&self) -> &Fit {
         &self.steps[self.steps.len() - 1]

@@ -213,13 +213,13 @@ pub(super) fn replay(
     data: &Data,
     windows: &mut [Window],
     params: &Arc<Params>,
+    maps: &[LinkMap; JOINTS],
     step_s: f64,
 ) -> Vec<[Vec<f64>; JOINTS]> {
-    let maps = [LinkMap::default(); JOINTS];
     let order = std::array::from_fn(|k| k);
     let trials: Vec<Trial> = windows
         .iter()
-        .map(|w| w.trial(params, &maps, &order))
+        .map(|w| w.trial(params, maps, &order))
         .collect();
     let outcomes = run(&trials, &options(true));
     let mut sums: Vec<[Vec<(f64, f64)>; JOINTS]> = data
@@ -232,8 +232,10 @@ pub(super) fn replay(
         // The first samples hold the blow of a state that fits the ground only to within the tracker's noise.
         let skip = if w.start.is_some() { 4 } else { 0 };
         for (k, sums) in sums[w.run].iter_mut().enumerate() {
+            // Readings of a joint with another sign show its torque with another sign too.
+            let sign = maps[k].ratio.signum();
             let torque: Vec<f64> = (0..n)
-                .map(|i| f64::from(o.torques_nm[i * JOINTS + k]))
+                .map(|i| sign * f64::from(o.torques_nm[i * JOINTS + k]))
                 .collect();
             let smooth = smoothed(&torque, skip);
             for (i, t) in smooth.iter().enumerate() {
