@@ -2,7 +2,7 @@
 
 use super::answer::REMAINDER;
 use super::body::{B, Tier};
-use super::body_library::{candidates, coordinates};
+use super::body_library::{candidates, coordinates, widen};
 use super::data::{Data, JOINTS};
 use super::inertial;
 use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Search};
@@ -32,12 +32,13 @@ pub(super) struct Found {
     pub(super) unsteady: bool,
 }
 
+/// Cost below which the windows fit: no order of joints is wrong, and no offset large.
+const WRONG: f64 = 4.0;
+
 /// Order and signs that only the body shows: recorded and commanded in one convention, turned in another.
 fn conventions(tier: &mut Tier, theta: &[f64]) {
     let cost = |tier: &Tier| super::least::cost(&tier.residuals(theta));
     let mut now = cost(tier);
-    // Below this the windows fit; no order of joints is wrong.
-    const WRONG: f64 = 4.0;
     const BETTER: f64 = 0.6;
     for _ in 0..JOINTS {
         if now < WRONG {
@@ -106,6 +107,9 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
     if (tier.maps, tier.order) != told {
         tier.measure(data, &start);
     }
+    if super::least::cost(&tier.residuals(&start)) > WRONG {
+        widen(&mut candidates);
+    }
     let seek = |tier: &Tier, sure: Option<&Fit>| {
         let searched = Searched {
             tier,
@@ -114,12 +118,17 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
         };
         searched.seek(&start, sure)
     };
-    let mut answer = seek(&tier, None);
-    if !answer.last().members.is_empty() {
-        // In another posture or on another ground a start matters otherwise.
-        tier.measure(data, &answer.last().theta);
-        answer = seek(&tier, None);
+    let first = Searched {
+        tier: &tier,
+        coordinates: &coordinates,
+        candidates: &candidates,
     }
+    .glance(&start);
+    if !first.members.is_empty() {
+        // In another posture or on another ground a start matters otherwise.
+        tier.measure(data, &first.theta);
+    }
+    let mut answer = seek(&tier, None);
     let mut sure = telling(&tier, &answer);
     // Wider than two honest engines differ only where a remainder would be claimed.
     while answer.last().cost > (if tier.exact() { FOREIGN } else { REMAINDER }) && tier.widen() {
@@ -155,34 +164,58 @@ struct Searched<'a> {
 }
 
 impl Searched<'_> {
-    /// One search, from the slope that is known and from what is `sure`.
-    fn seek(&self, start: &[f64], sure: Option<&Fit>) -> Answer {
+    /// What a search uses.
+    fn search(&self) -> Search<'_, Tier> {
         let tier = self.tier;
-        let nominal: Vec<f64> = self.coordinates.iter().map(|c| c.neutral).collect();
         let [share, relative] = if tier.exact() { GAINS } else { GAINS_BLIND };
-        let limits = Limits {
-            share,
-            least: 0.1,
-            relative,
-            of_first: 0.03,
-            floor: 1.0,
-            // A window is one independent trial of the body.
-            independent: (tier.len() as f64).clamp(10.0, 1000.0),
-            most: 4,
-            beyond: 3.0,
-            refined: 4,
-            iterations: 3,
-            rough: true,
-        };
-        let search = Search {
+        Search {
             model: tier,
             coordinates: self.coordinates,
             candidates: self.candidates,
-            limits,
-        };
-        let sloped = (self.candidates.iter())
+            limits: Limits {
+                share,
+                least: 0.1,
+                relative,
+                of_first: 0.03,
+                floor: 1.0,
+                // A window is one independent trial of the body.
+                independent: (tier.len() as f64).clamp(10.0, 1000.0),
+                most: 4,
+                beyond: 3.0,
+                refined: 4,
+                iterations: 3,
+                rough: true,
+            },
+        }
+    }
+
+    /// The slope that the sensor shows, as a candidate.
+    fn sloped(&self) -> Option<usize> {
+        self.candidates
+            .iter()
             .position(|c| c.effect == Effect::GroundSlope)
-            .filter(|_| tier.slope.is_some_and(steep));
+            .filter(|_| self.tier.slope.is_some_and(steep))
+    }
+
+    fn nominal(&self) -> Vec<f64> {
+        self.coordinates.iter().map(|c| c.neutral).collect()
+    }
+
+    /// The first effect, if any: enough to know where windows are to be measured.
+    fn glance(&self, start: &[f64]) -> Fit {
+        let search = self.search();
+        match self.sloped() {
+            Some(c) => search.fit(start, &[c], 3),
+            None => search.first(search.fit(&self.nominal(), &[], 3)),
+        }
+    }
+
+    /// One search, from the slope that is known and from what is `sure`.
+    fn seek(&self, start: &[f64], sure: Option<&Fit>) -> Answer {
+        let tier = self.tier;
+        let nominal = self.nominal();
+        let search = self.search();
+        let sloped = self.sloped();
         let first = match (sure, sloped) {
             (Some(s), _) => Some(search.fit(&s.theta, &s.members, 3)),
             (None, Some(c)) => Some(search.fit(start, &[c], 3)),

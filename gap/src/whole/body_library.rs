@@ -171,6 +171,18 @@ pub(super) fn candidates(link_measured: bool) -> Vec<Candidate> {
     out
 }
 
+/// Starts of large offsets and scales: they show as windows that do not fit at all.
+pub(super) fn widen(candidates: &mut [Candidate]) {
+    for c in candidates {
+        let far: &[f64] = match c.effect {
+            Effect::JointOffset => &[0.15, -0.15, 0.4, -0.4],
+            Effect::JointScale => &[0.8, 1.25],
+            _ => &[],
+        };
+        c.starts.extend(far.iter().map(|x| vec![*x]));
+    }
+}
+
 /// Conventions and transmissions that only the body shows.
 fn joints(link_measured: bool, out: &mut Vec<Candidate>) {
     for k in 0..JOINTS {
@@ -179,13 +191,13 @@ fn joints(link_measured: bool, out: &mut Vec<Candidate>) {
             Effect::JointOffset,
             Some(k),
             &j(OFFSET),
-            &[&[0.04], &[-0.04], &[0.15], &[-0.15], &[0.4], &[-0.4]],
+            &[&[0.04], &[-0.04]],
         ));
         out.push(candidate(
             Effect::JointScale,
             Some(k),
             &j(RATIO),
-            &[&[0.93], &[1.07], &[0.8], &[1.25]],
+            &[&[0.93], &[1.07]],
         ));
         if !link_measured {
             out.push(candidate(

@@ -417,6 +417,12 @@ impl<E: Evaluate> Search<'_, E> {
         (steps, nearest)
     }
 
+    /// `base` with the first effect that is believed.
+    pub(super) fn first(&self, base: Fit) -> Fit {
+        let first = base.held_out;
+        self.forward(&base, first).0.unwrap_or(base)
+    }
+
     /// Selection, rivals, and every effect alone and removed.
     pub(super) fn answer(&self, base: Fit, nominal: Vec<f64>) -> Answer {
         self.answer_with(base, nominal, None)
