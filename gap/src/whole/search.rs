@@ -16,6 +16,9 @@ const LAW: f64 = 0.02;
 /// Slope squared below which a residual does not depend on a number.
 const FLAT: f64 = 1e-12;
 
+/// Adds priors to normal equations, for this share of the samples.
+type Regular<'a> = dyn Fn(&mut [f64], &mut [f64], f64) + 'a;
+
 /// The search.
 pub(super) struct Search<'a, E: Evaluate> {
     pub(super) model: &'a E,
@@ -290,7 +293,7 @@ impl<E: Evaluate> Search<'_, E> {
         blocks: &[Block],
         used: &[usize],
         free: &[usize],
-        regular: &dyn Fn(&mut [f64], &mut [f64], f64),
+        regular: &Regular<'_>,
     ) -> Vec<f64> {
         let (n, count) = (free.len(), used.len() as f64);
         if used.len() < 3 {
