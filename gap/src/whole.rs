@@ -24,6 +24,7 @@ mod joints;
 mod least;
 mod loads;
 mod open;
+mod optimum;
 mod page;
 mod patch;
 mod places;
@@ -35,6 +36,7 @@ mod rough;
 mod score;
 mod search;
 mod servo;
+mod stages;
 mod steady;
 mod terms;
 mod traffic;
@@ -48,16 +50,15 @@ use control::gait::Gait;
 use files::dataset::{Manifest, Recording, Role};
 use files::model::{Key, Model};
 use physics::{Params, ParamsError};
-use rayon::prelude::*;
 
 use crate::verdict::Verdict;
-use crate::vocabulary::{self, Effect};
+use crate::vocabulary::Effect;
 pub use camera::Film;
 use conventions::Conventions;
-use data::{Data, JOINTS};
-use joints::{Found, Tier};
+use data::Data;
+use joints::Found;
 pub use predict::predict;
-use score::Score;
+use stages::Task;
 
 /// Settings of a diagnosis.
 #[derive(Debug, Clone, PartialEq)]
@@ -92,24 +93,32 @@ pub enum WholeError {
 }
 
 /// Runs that are fitted, runs that are scored, and how they were chosen.
-fn split(data: &Data) -> (Vec<usize>, Vec<usize>, String) {
+struct Split {
+    fit: Vec<usize>,
+    score: Vec<usize>,
+    how: String,
+}
+
+fn split(data: &Data) -> Split {
     let usable: Vec<usize> = (0..data.runs.len())
         .filter(|r| data.runs[*r].joints.iter().any(|j| j.position.is_some()))
         .collect();
+    let made = |fit, score, how: &str| Split {
+        fit,
+        score,
+        how: how.into(),
+    };
     let check = |r: &usize| data.runs[*r].role == Some(Role::Check);
     if usable.iter().any(check) && !usable.iter().all(check) {
         let (score, fit) = usable.into_iter().partition(check);
-        return (fit, score, "roles of the data set".into());
+        return made(fit, score, "roles of the data set");
     }
     let mut gaits: Vec<usize> = usable.iter().map(|r| data.runs[*r].gait).collect();
     gaits.sort_unstable();
     gaits.dedup();
     if gaits.len() < 3 {
-        return (
-            usable.clone(),
-            usable,
-            "nothing held out: fewer than three gaits".into(),
-        );
+        let how = "nothing held out: fewer than three gaits";
+        return made(usable.clone(), usable, how);
     }
     // Every third gait is held out, beginning with the third.
     let held = |r: &usize| {
@@ -119,7 +128,7 @@ fn split(data: &Data) -> (Vec<usize>, Vec<usize>, String) {
             .is_some_and(|i| i % 3 == 2)
     };
     let (score, fit) = usable.into_iter().partition(held);
-    (fit, score, "every third gait held out".into())
+    made(fit, score, "every third gait held out")
 }
 
 /// A diagnosis.
@@ -219,120 +228,33 @@ pub fn diagnose(
     settings: &Settings,
 ) -> Result<Diagnosis, WholeError> {
     let params = Arc::new(Params::try_from(model)?);
-    let mut data = Data::new(manifest, recordings);
-    film::track(&mut data, films, manifest, model, &params);
-    let data = Arc::new(data);
-    let (fit_runs, score_runs, split) = split(&data);
-    if fit_runs.is_empty() {
-        return Err(WholeError::Nothing);
-    }
-    let mut conventions = conventions::find(&data);
-    let mut direct = direct::read(&data, &mut conventions, &settings.withhold);
-    let mut body = body::Tier::new(&data, model, &params, &fit_runs)
-        .map(|tier| body::diagnose(&data, tier, &settings.withhold));
-    // Where readings stand in another order too, all that follows looks at each joint's own.
-    let order = body.as_ref().map(|b| b.tier.order);
-    let moved = order.filter(|o| o.iter().enumerate().any(|(k, from)| k != *from));
-    let data = match moved {
-        Some(order) => Arc::new(data.reordered(&order)),
-        None => data,
-    };
-    if moved.is_some() {
-        conventions = conventions::find(&data);
-        direct = direct::read(&data, &mut conventions, &settings.withhold);
-    }
-    let mut replayed = windows::cut(&data, 1.0, 0.9);
-    if let Some(body) = &mut body {
-        loads::doubt(body, |with| {
-            let loads = loads::replay(&data, &mut replayed.clone(), with);
-            (0..JOINTS)
-                .filter_map(|k| Tier::new(&data, model, k, &fit_runs, &conventions, &loads))
-                .filter_map(|tier| joints::load_ratio(&tier, model, &conventions))
-                .collect()
-        });
-    }
-    // Loads on the joints come from the body as it was found to be.
-    let (found, links) = match &body {
-        Some(b) => {
-            let theta = &b.answer.last().theta;
-            (Arc::new(b.tier.params(theta)), b.tier.links(theta))
-        }
-        None => (Arc::clone(&params), Default::default()),
-    };
-    let loads = loads::weighed(&data, &mut replayed, (&found, &links));
-    let mut tiers: Vec<Tier> = (0..JOINTS)
-        .filter_map(|k| Tier::new(&data, model, k, &fit_runs, &conventions, &loads))
-        .collect();
-    joints::calibrate(&mut tiers, model, &conventions);
-    let mut joints: Vec<Found> = tiers
-        .into_par_iter()
-        .map(|tier| joints::diagnose(tier, model, &conventions, &settings.withhold))
-        .collect();
-    joints::mark(&mut joints);
-    let loads_together = loads::Replay {
-        data: &data,
+    let task = Task {
+        manifest,
+        films,
         model,
-        fit_runs: &fit_runs,
-        conventions: &conventions,
-        joints: &joints,
+        settings,
+        params: Arc::clone(&params),
     };
-    let named = |effect| {
-        body.as_ref().is_some_and(|b| {
-            let members = &b.answer.last().members;
-            members
-                .iter()
-                .any(|c| b.answer.candidates[*c].effect == effect)
-        })
-    };
-    let other = body.as_ref().is_some_and(|b| {
-        let of = |c: &usize| b.answer.candidates[*c].effect.stage();
-        let members = &b.answer.last().members;
-        // A slope only turns gravity, which the replay does too.
-        let level = |c: &usize| b.answer.candidates[*c].effect != Effect::GroundSlope;
-        members
-            .iter()
-            .any(|c| of(c) == vocabulary::Stage::Body && level(c))
-    });
-    let cause = loads_together.cause(body.as_ref(), &mut replayed);
-    direct.extend(
-        cause
-            .named
-            // A replay on a ground or of a body that is another one is too rough for torques to show a mass besides.
-            .filter(|r| !named(r.effect))
-            .filter(|r| r.effect != Effect::Mass || !other),
-    );
-    if joints.is_empty() && body.is_none() {
+    let mut seen = task.see(recordings)?;
+    let mut loads = task.loads(&mut seen);
+    let joints = task.joints(&seen, &loads);
+    let twin = task.together(&mut seen, &joints, &mut loads);
+    if joints.is_empty() && seen.body.is_none() {
         return Err(WholeError::Nothing);
     }
-    let camera = camera::Tier::new(&data, manifest, model, films, &fit_runs)
+    let camera = camera::Tier::new(&seen.data, manifest, model, films, &seen.split.fit)
         .map(|tier| camera::diagnose(tier, manifest, model, &settings.withhold));
-    let filmed = camera::Tier::new(&data, manifest, model, films, &score_runs);
-    let mut scored = body::Tier::new(&data, model, &params, &score_runs);
-    if let (Some(s), Some(b)) = (&mut scored, &body) {
-        s.adopt(&b.tier);
-        if moved.is_some() {
-            s.order = std::array::from_fn(|k| k);
-        }
-        s.measure(&data, &b.answer.last().theta);
-    }
-    let mut score = Score::new(
-        &data,
-        &joints,
-        scored.filter(|_| body.is_some()),
-        &score_runs,
-        &conventions,
-        &loads,
-    );
-    score.camera = filmed.filter(|_| camera.is_some());
+    let score = task.score(&seen, &joints, &loads, camera.is_some());
+    let score_runs = seen.split.score;
     let parts = Parts {
-        body,
+        body: seen.body,
         camera,
-        data,
-        conventions,
-        direct,
-        twin: cause.instead,
+        data: seen.data,
+        conventions: seen.conventions,
+        direct: seen.direct,
+        twin,
         withhold: settings.withhold.clone(),
-        split,
+        split: seen.split.how,
         joints,
         friction: model.value(Key::Friction),
     };

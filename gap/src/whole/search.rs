@@ -5,6 +5,7 @@
 use rayon::prelude::*;
 
 use super::least::{Block, add, blocks, cost, group_costs, solve, total};
+use super::optimum::Optimum;
 pub(super) use super::terms::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Rival};
 
 /// A candidate with more starts than this is searched by its starts alone.
@@ -13,11 +14,8 @@ const DENSE: usize = 20;
 /// Error of a fitted value as a share of its distance from the neutral one: two honest simulators of one law differ by this (time step,
 /// sweeps; emulated robots).
 const LAW: f64 = 0.02;
-/// Slope squared below which a residual does not depend on a number.
-const FLAT: f64 = 1e-12;
-
-/// Adds priors to normal equations, for this share of the samples.
-type Regular<'a> = dyn Fn(&mut [f64], &mut [f64], f64) + 'a;
+/// Normal equations by group, weight of the priors, and the priors.
+type Quadratic = (Vec<Block>, f64, Vec<(f64, f64)>);
 
 /// The search.
 pub(super) struct Search<'a, E: Evaluate> {
@@ -116,10 +114,6 @@ impl<E: Evaluate> Search<'_, E> {
         (columns, steps)
     }
 
-    fn folds(groups: usize) -> usize {
-        groups.min(4)
-    }
-
     /// Levenberg-Marquardt from `theta` with the candidates `members`; held-out cost by the quadratic at the end.
     pub(super) fn fit(&self, theta: &[f64], members: &[usize], iterations: usize) -> Fit {
         let free = self.free(members);
@@ -169,8 +163,7 @@ impl<E: Evaluate> Search<'_, E> {
                 break;
             }
         }
-        let (blocks, weight, prior) = last.unwrap_or_default();
-        self.finish(theta, members, &free, &residuals, &blocks, weight, &prior)
+        self.finish(theta, members, &free, &residuals, &last.unwrap_or_default())
     }
 
     fn step(
@@ -199,80 +192,37 @@ impl<E: Evaluate> Search<'_, E> {
         out
     }
 
-    #[allow(clippy::too_many_arguments)]
+    /// The fit at `theta`, with what the quadratic there says.
     fn finish(
         &self,
         theta: Vec<f64>,
         members: &[usize],
         free: &[usize],
         residuals: &[Vec<f64>],
-        blocks: &[Block],
-        weight: f64,
-        prior: &[(f64, f64)],
+        (blocks, weight, prior): &Quadratic,
     ) -> Fit {
-        let n = free.len();
-        let used: Vec<usize> = (0..blocks.len()).filter(|g| blocks[*g].n > 0.0).collect();
-        let count = Self::folds(used.len());
-        let fold_of = |g: usize| {
-            used.iter()
-                .position(|u| *u == g)
-                .map_or(0, |p| p % count.max(1))
+        let at_border = |i: &usize| {
+            let range = self.range(members, *i);
+            theta[*i] <= range[0] || theta[*i] >= range[1]
         };
-        let at_border = |i: usize| {
-            let range = self.range(members, i);
-            theta[i] <= range[0] || theta[i] >= range[1]
+        let optimum = Optimum {
+            blocks,
+            weight: *weight,
+            prior,
+            held: free.iter().map(at_border).collect(),
         };
-        let regular = |a: &mut [f64], b: &mut [f64], share: f64| {
-            for j in 0..n {
-                if at_border(free[j]) {
-                    // Held where it is.
-                    a[j * n + j] *= 1e9;
-                }
-                a[j * n + j] += weight * share * prior[j].0 + 1e-15;
-                b[j] += weight * share * prior[j].1;
-            }
-        };
-        let mut folds = Vec::new();
-        for f in 0..count {
-            let (mut a, mut b, _, train) = total(blocks, &|g| fold_of(g) != f);
-            let (at, bt, ct, test) = total(blocks, &|g| fold_of(g) == f);
-            if train == 0.0 {
-                folds.push(ct);
-                continue;
-            }
-            regular(&mut a, &mut b, train / (train + test));
-            let d = solve(&a, &b);
-            let mut held = ct;
-            for j in 0..n {
-                held -= 2.0 * bt[j] * d[j];
-                for k in 0..n {
-                    held += d[j] * at[j * n + k] * d[k];
-                }
-            }
-            folds.push(held.max(0.0));
-        }
-        let groups = used.len().max(1) as f64;
+        let folds = optimum.folds();
+        let groups = blocks.iter().filter(|b| b.n > 0.0).count().max(1) as f64;
         let cost = cost(residuals);
         let scale = cost.max(self.limits.floor) * groups / self.limits.independent;
-        let apart = self.apart(blocks, &used, free, &regular);
-        let (mut a, mut b, _, _) = total(blocks, &|_| true);
-        // The border of a tolerance bounds a value, not what is known about it.
-        let mut open = a.clone();
-        for j in 0..n {
-            open[j * n + j] += weight * prior[j].0 + 1e-15;
-        }
-        regular(&mut a, &mut b, 1.0);
         let mut deviation = vec![0.0; theta.len()];
         let mut spread = vec![0.0; theta.len()];
-        for (j, i) in free.iter().enumerate() {
-            let mut unit = vec![0.0; n];
-            unit[j] = 1.0;
-            // A number without a slope (one that is counted) is as it is.
-            if a[j * n + j] > FLAT {
-                let variance = |a: &[f64]| (solve(a, &unit)[j] * scale).max(0.0);
-                let law = LAW * (theta[*i] - self.coordinates[*i].neutral);
-                deviation[*i] = variance(&a).sqrt();
-                spread[*i] = libm::hypot(variance(&open).max(apart[j]).sqrt(), law);
+        let known = optimum.variances().into_iter().zip(optimum.apart());
+        for (i, ([held, open], apart)) in free.iter().zip(known) {
+            let law = LAW * (theta[*i] - self.coordinates[*i].neutral);
+            deviation[*i] = (held * scale).sqrt();
+            if open > 0.0 {
+                spread[*i] = libm::hypot((open * scale).max(apart).sqrt(), law);
             }
         }
         Fit {
@@ -285,37 +235,6 @@ impl<E: Evaluate> Search<'_, E> {
             deviation,
             spread,
         }
-    }
-
-    /// Variance of every free coordinate as the gaits disagree: jackknife by one step from the fit, widened for few gaits.
-    fn apart(
-        &self,
-        blocks: &[Block],
-        used: &[usize],
-        free: &[usize],
-        regular: &Regular<'_>,
-    ) -> Vec<f64> {
-        let (n, count) = (free.len(), used.len() as f64);
-        if used.len() < 3 {
-            return vec![0.0; n];
-        }
-        let steps: Vec<Vec<f64>> = used
-            .iter()
-            .map(|left| {
-                let (mut a, mut b, _, rest) = total(blocks, &|g| g != *left);
-                regular(&mut a, &mut b, rest / count);
-                solve(&a, &b)
-            })
-            .collect();
-        // Student's t over the normal quantile, to first order in one over the degrees of freedom.
-        let few = 1.0 + 1.2 / (count - 1.0);
-        (0..n)
-            .map(|j| {
-                let mean = steps.iter().map(|s| s[j]).sum::<f64>() / count;
-                let square: f64 = steps.iter().map(|s| (s[j] - mean).powi(2)).sum();
-                few * few * (count - 1.0) / count * square
-            })
-            .collect()
     }
 
     /// Least gain of the held-out cost for an effect to be believed.

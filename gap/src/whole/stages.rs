@@ -1,0 +1,202 @@
+//! The tiers of a robot, one after the other: what signals and body show, the loads that follow, the joints under them, what is scored.
+
+use std::sync::Arc;
+
+use files::dataset::{Manifest, Recording};
+use files::model::Model;
+use physics::Params;
+use rayon::prelude::*;
+
+use super::camera::Film;
+use super::conventions::{self, Conventions};
+use super::data::{Data, JOINTS};
+use super::joints::{self, Found, Tier};
+use super::loads::{self, Replay};
+use super::score::Score;
+use super::search::Candidate;
+use super::servo::Load;
+use super::windows::{self, Window};
+use super::{Settings, Split, WholeError, body, camera, direct, film, split};
+use crate::vocabulary::{Effect, Stage};
+
+/// What is asked.
+pub(super) struct Task<'a> {
+    pub(super) manifest: &'a Manifest,
+    pub(super) films: &'a [Film],
+    pub(super) model: &'a Model,
+    pub(super) settings: &'a Settings,
+    /// The nominal model, ready to simulate.
+    pub(super) params: Arc<Params>,
+}
+
+/// What signals and body show.
+pub(super) struct Seen {
+    pub(super) data: Arc<Data>,
+    pub(super) split: Split,
+    pub(super) conventions: Conventions,
+    pub(super) direct: Vec<direct::Reading>,
+    pub(super) body: Option<body::Found>,
+    /// Readings stood in another order and have been put in order.
+    moved: bool,
+}
+
+/// Loads of all joints by run, and the windows that they were replayed in.
+pub(super) struct Loads {
+    windows: Vec<Window>,
+    by_run: Vec<[Load; JOINTS]>,
+}
+
+impl Seen {
+    /// Whether the body holds an effect that `is` so.
+    fn holds(&self, is: impl Fn(&Candidate) -> bool) -> bool {
+        self.body.as_ref().is_some_and(|b| {
+            let members = &b.answer.last().members;
+            members.iter().any(|c| is(&b.answer.candidates[*c]))
+        })
+    }
+}
+
+impl Task<'_> {
+    /// Signals and body.
+    pub(super) fn see(&self, recordings: &[Recording]) -> Result<Seen, WholeError> {
+        let mut data = Data::new(self.manifest, recordings);
+        film::track(
+            &mut data,
+            self.films,
+            self.manifest,
+            self.model,
+            &self.params,
+        );
+        let data = Arc::new(data);
+        let split = split(&data);
+        if split.fit.is_empty() {
+            return Err(WholeError::Nothing);
+        }
+        let withhold = &self.settings.withhold;
+        let mut conventions = conventions::find(&data);
+        let mut direct = direct::read(&data, &mut conventions, withhold);
+        let body = body::Tier::new(&data, self.model, &self.params, &split.fit)
+            .map(|tier| body::diagnose(&data, tier, withhold));
+        // Where readings stand in another order too, all that follows looks at each joint's own.
+        let order = body.as_ref().map(|b| b.tier.order);
+        let moved = order.filter(|o| o.iter().enumerate().any(|(k, from)| k != *from));
+        let data = match moved {
+            Some(order) => Arc::new(data.reordered(&order)),
+            None => data,
+        };
+        if moved.is_some() {
+            conventions = conventions::find(&data);
+            direct = direct::read(&data, &mut conventions, withhold);
+        }
+        Ok(Seen {
+            data,
+            split,
+            conventions,
+            direct,
+            body,
+            moved: moved.is_some(),
+        })
+    }
+
+    /// Joint `k` under these loads.
+    fn tier(&self, seen: &Seen, k: usize, loads: &[[Load; JOINTS]]) -> Option<Tier> {
+        let fit = &seen.split.fit;
+        Tier::new(&seen.data, self.model, k, fit, &seen.conventions, loads)
+    }
+
+    /// Loads on the joints, from the body as it was found to be; a ground's friction that they speak against is taken out of it.
+    pub(super) fn loads(&self, seen: &mut Seen) -> Loads {
+        let mut windows = windows::cut(&seen.data, 1.0, 0.9);
+        if let Some(mut body) = seen.body.take() {
+            loads::doubt(&mut body, |with| {
+                let loads = loads::replay(&seen.data, &mut windows.clone(), with);
+                (0..JOINTS)
+                    .filter_map(|k| self.tier(seen, k, &loads))
+                    .filter_map(|tier| joints::load_ratio(&tier, self.model, &seen.conventions))
+                    .collect()
+            });
+            seen.body = Some(body);
+        }
+        let (params, links) = match &seen.body {
+            Some(b) => {
+                let theta = &b.answer.last().theta;
+                (Arc::new(b.tier.params(theta)), b.tier.links(theta))
+            }
+            None => (Arc::clone(&self.params), Default::default()),
+        };
+        let by_run = loads::weighed(&seen.data, &mut windows, (&params, &links));
+        Loads { windows, by_run }
+    }
+
+    /// Every joint alone.
+    pub(super) fn joints(&self, seen: &Seen, loads: &Loads) -> Vec<Found> {
+        let mut tiers: Vec<Tier> = (0..JOINTS)
+            .filter_map(|k| self.tier(seen, k, &loads.by_run))
+            .collect();
+        joints::calibrate(&mut tiers, self.model, &seen.conventions);
+        let withhold = &self.settings.withhold;
+        let mut found: Vec<Found> = tiers
+            .into_par_iter()
+            .map(|tier| joints::diagnose(tier, self.model, &seen.conventions, withhold))
+            .collect();
+        joints::mark(&mut found);
+        found
+    }
+
+    /// What the loads of all joints say together joins what was read off; returned is what would explain them as well.
+    pub(super) fn together(
+        &self,
+        seen: &mut Seen,
+        joints: &[Found],
+        loads: &mut Loads,
+    ) -> Option<direct::Reading> {
+        let replay = Replay {
+            data: &seen.data,
+            model: self.model,
+            fit_runs: &seen.split.fit,
+            conventions: &seen.conventions,
+            joints,
+        };
+        let cause = replay.cause(seen.body.as_ref(), &mut loads.windows);
+        // A slope only turns gravity, which the replay does too.
+        let other =
+            seen.holds(|c| c.effect.stage() == Stage::Body && c.effect != Effect::GroundSlope);
+        let named = cause
+            .named
+            .filter(|r| !seen.holds(|c| c.effect == r.effect));
+        // A replay on a ground or of a body that is another one is too rough for torques to show a mass besides.
+        let named = named.filter(|r| r.effect != Effect::Mass || !other);
+        seen.direct.extend(named);
+        cause.instead
+    }
+
+    /// The runs that are scored, as they were found to be.
+    pub(super) fn score(
+        &self,
+        seen: &Seen,
+        joints: &[Found],
+        loads: &Loads,
+        filmed: bool,
+    ) -> Score {
+        let runs = &seen.split.score;
+        let mut scored = body::Tier::new(&seen.data, self.model, &self.params, runs);
+        if let (Some(s), Some(b)) = (&mut scored, &seen.body) {
+            s.adopt(&b.tier);
+            if seen.moved {
+                s.order = std::array::from_fn(|k| k);
+            }
+            s.measure(&seen.data, &b.answer.last().theta);
+        }
+        let mut score = Score::new(
+            &seen.data,
+            joints,
+            scored.filter(|_| seen.body.is_some()),
+            runs,
+            &seen.conventions,
+            &loads.by_run,
+        );
+        score.camera = camera::Tier::new(&seen.data, self.manifest, self.model, self.films, runs)
+            .filter(|_| filmed);
+        score
+    }
+}
