@@ -171,13 +171,16 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
 
 #[test]
 fn a_permuted_joint_order_is_named_before_anything_else() {
-    // Joint 1 gets what was meant for joint 2, and the other way round.
-    let swap = |p: &[f64; 6]| [p[0], p[2], p[1], p[3], p[4], p[5]];
-    let reality = Reality {
-        path: Box::new(move |s| s.iter().map(swap).collect()),
-        ..Reality::default()
-    };
-    for echo in [false, true] {
+    // Columns that the joints follow, and the number of the joints that the columns reach, in lexicographic order: joints 1 and 2
+    // exchanged (0 2 1 3 4 5); what was meant for joint 1 reaches joint 2, for 2 joint 3, for 3 joint 1 (0 2 3 1 4 5).
+    let swap = ([0, 2, 1, 3, 4, 5], 24.0);
+    let cycle = ([0, 3, 1, 2, 4, 5], 30.0);
+    for ((columns, number), echo) in [(swap, false), (swap, true), (cycle, false)] {
+        let follow = move |p: &[f64; 6]| columns.map(|c: usize| p[c]);
+        let reality = Reality {
+            path: Box::new(move |s| s.iter().map(follow).collect()),
+            ..Reality::default()
+        };
         let plan = Plan {
             echo,
             ..Plan::default()
@@ -186,8 +189,7 @@ fn a_permuted_joint_order_is_named_before_anything_else() {
         // What the drivers echo beside their own joints is read in the right order too: nothing else is at fault.
         assert_eq!(v.effects.len(), 1, "{:?}", v.effects);
         assert_eq!(v.effects[0].effect, Effect::JointOrder);
-        // 0 2 1 3 4 5 is number 24 in lexicographic order.
-        assert_eq!(v.effects[0].parameters["permutation"].value, 24.0);
+        assert_eq!(v.effects[0].parameters["permutation"].value, number);
         assert_eq!(v.place[0].stage, "conventions");
         assert_eq!(v.verdict, Word::Explained);
         let p = v.probabilities.none + v.probabilities.unknown + v.effects[0].confidence;

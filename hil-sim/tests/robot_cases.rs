@@ -86,6 +86,36 @@ fn without_a_cause_the_joints_follow_the_nominal_servo() {
 }
 
 #[test]
+fn a_motor_at_full_duty_goes_along_its_own_line() {
+    // At 7 V an intra joint turns at 7 / 4.308 = 1.6 rad/s without load; the gait asks for more, and the loads drive it too.
+    let c = case(
+        &short(&[("supply_voltage", None, &[7.0])]),
+        &[gait("paddle")],
+    )
+    .expect("possible");
+    let (manifest, _) = Manifest::parse("dataset.toml", text(&c, "dataset.toml")).expect("valid");
+    let mut full = 0;
+    for run in &manifest.runs {
+        let (recording, _) =
+            Recording::parse(&run.file, text(&c, &run.file), &manifest).expect("valid");
+        for k in [0, 2, 3, 5] {
+            let joint = recording.joint(k).expect("six joints");
+            let of = |s| joint.get(s).expect("measured");
+            let (duty, speed) = (of(Signal::Duty), of(Signal::Velocity));
+            for (d, v) in duty.iter().zip(speed) {
+                if d.abs() > 0.99 {
+                    full += 1;
+                    // The line's slope is 0.1 rad/s per N m, its constants are drawn with 3 %; a blow is over within the 20 ms in which
+                    // the torque on the line is averaged.
+                    assert!(v.abs() < 2.1, "joint {k}: {v} rad/s");
+                }
+            }
+        }
+    }
+    assert!(full > 20, "{full} rows at full duty");
+}
+
+#[test]
 fn large_causes_are_detectable_and_show_in_the_channel_they_act_on() {
     let gaits = [gait("crawl")];
     let floors = |effect: &str, joint: Option<usize>, values: &[f64]| {

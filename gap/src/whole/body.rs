@@ -211,10 +211,11 @@ impl Tier {
         self.windows.iter().any(|w| of(w).is_some())
     }
 
-    /// Takes measured poses and finds out how each window depends on its start and on the time step.
+    /// Takes measured poses and finds out how each window depends on its start and on the time step. A body on which every window tips is
+    /// not measured: what was known before stays.
     pub(super) fn measure(&mut self, data: &Data, theta: &[f64]) {
-        (self.windows, self.group) = self.all.clone();
-        self.chaotic = 0;
+        let all = self.all.clone();
+        let before = std::mem::replace(&mut self.windows, all.0);
         let plain = windows::options(false);
         let nominal = windows::run(&self.trials(theta), &plain);
         let fine = physics::Options {
@@ -233,17 +234,19 @@ impl Tier {
         let mut kept = (Vec::new(), Vec::new(), Vec::new());
         for w in 0..self.windows.len() {
             let of: Vec<&Outcome> = others.iter().map(|o| &o[w]).collect();
-            match self.target(data, w, &nominal[w], &of) {
-                Some((targets, spread)) => {
-                    kept.0.push(w);
-                    kept.1.push(targets);
-                    kept.2.push(spread);
-                }
-                None => self.chaotic += 1,
+            if let Some((targets, spread)) = self.target(data, w, &nominal[w], &of) {
+                kept.0.push(w);
+                kept.1.push(targets);
+                kept.2.push(spread);
             }
         }
+        if kept.0.is_empty() && !self.targets.is_empty() {
+            self.windows = before;
+            return;
+        }
+        self.chaotic = self.windows.len() - kept.0.len();
         self.windows = kept.0.iter().map(|w| self.windows[*w].clone()).collect();
-        self.group = kept.0.iter().map(|w| self.group[*w]).collect();
+        self.group = kept.0.iter().map(|w| all.1[*w]).collect();
         (self.targets, self.spreads) = (kept.1, kept.2);
         self.weigh();
     }

@@ -110,29 +110,17 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
     if super::least::cost(&tier.residuals(&start)) > WRONG {
         widen(&mut candidates);
     }
-    let seek = |tier: &Tier, sure: Option<&Fit>| {
-        let searched = Searched {
-            tier,
-            coordinates: &coordinates,
-            candidates: &candidates,
-        };
-        searched.seek(&start, sure)
-    };
-    let first = Searched {
-        tier: &tier,
-        coordinates: &coordinates,
-        candidates: &candidates,
-    }
-    .glance(&start);
+    let (c, k) = (&coordinates[..], &candidates[..]);
+    let first = Searched::over(&tier, c, k).glance(&start);
     if !first.members.is_empty() {
         // In another posture or on another ground a start matters otherwise.
         tier.measure(data, &first.theta);
     }
-    let mut answer = seek(&tier, None);
+    let mut answer = Searched::over(&tier, c, k).seek(&start, None);
     let mut sure = telling(&tier, &answer);
     // Wider than two honest engines differ only where a remainder would be claimed.
     while answer.last().cost > (if tier.exact() { FOREIGN } else { REMAINDER }) && tier.widen() {
-        answer = seek(&tier, sure.as_ref());
+        answer = Searched::over(&tier, c, k).seek(&start, sure.as_ref());
         sure = sure.or_else(|| telling(&tier, &answer));
     }
     let unsteady = tier.unsteady(&answer.last().theta);
@@ -163,7 +151,19 @@ struct Searched<'a> {
     candidates: &'a [Candidate],
 }
 
-impl Searched<'_> {
+impl<'a> Searched<'a> {
+    const fn over(
+        tier: &'a Tier,
+        coordinates: &'a [Coordinate],
+        candidates: &'a [Candidate],
+    ) -> Self {
+        Self {
+            tier,
+            coordinates,
+            candidates,
+        }
+    }
+
     /// What a search uses.
     fn search(&self) -> Search<'_, Tier> {
         let tier = self.tier;

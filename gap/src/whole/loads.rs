@@ -141,7 +141,7 @@ pub(super) struct Cause {
 }
 
 /// Takes a ground's friction out of `found` that the torques of all joints speak against: with it the replayed loads are farther from the
-/// measured ones than with the nominal friction. `tiers` gives the joints with loads replayed.
+/// measured ones than with the nominal friction. `ratios` are measured over replayed loads of the joints, for a body and its links.
 pub(super) fn doubt(
     found: &mut body::Found,
     ratios: impl Fn((&Arc<Params>, &[LinkMap; JOINTS])) -> Vec<f64>,
