@@ -205,11 +205,17 @@ pub fn diagnose_watched(
 ) -> Result<Diagnosis, DiagnoseError> {
     let problem =
         Problem::new(manifest, recordings, joint).ok_or(DiagnoseError::NoPosition { joint })?;
-    let (fit_runs, score_runs, split) = split(&problem);
+    let (mut fit_runs, score_runs, mut split) = split(&problem);
     if fit_runs.is_empty() {
         return Err(DiagnoseError::NoFitRuns { joint });
     }
     let floor = floor::floor(&problem);
+    let lost = problem.out_of_step(floor.noise[0]);
+    let kept = without(&fit_runs, &lost);
+    if kept.len() < fit_runs.len() && folds(&problem, &kept).len() > 1 {
+        split += "; runs that swing out of step not fitted";
+        fit_runs = kept;
+    }
     let independent = independent(&problem, &fit_runs);
     let free = candidates::nominal(&problem);
     let unknown = free.iter().any(|f| f.tolerance.is_none());
@@ -241,7 +247,7 @@ pub fn diagnose_watched(
         thorough: unknown && settings.baseline.is_none(),
         ..settings.options
     };
-    let checked = problem.merged(&unseen_runs(&fit_runs, &score_runs));
+    let checked = problem.merged(&without(&without(&score_runs, &fit_runs), &lost));
     let check = (!checked.runs.is_empty()).then(|| Objective {
         problem: &checked,
         runs: (0..checked.runs.len()).collect(),
@@ -323,10 +329,10 @@ fn library(
     out
 }
 
-/// Score runs that are not fitted.
-fn unseen_runs(fit: &[usize], score: &[usize]) -> Vec<usize> {
-    let unseen = score.iter().filter(|r| !fit.contains(r));
-    unseen.copied().collect()
+/// `runs` that are not among `others`.
+fn without(runs: &[usize], others: &[usize]) -> Vec<usize> {
+    let rest = runs.iter().filter(|r| !others.contains(r));
+    rest.copied().collect()
 }
 
 /// Recordings behind one averaged run.

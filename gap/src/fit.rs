@@ -89,6 +89,18 @@ pub struct Model {
     pub free: Vec<Free>,
 }
 
+impl Model {
+    /// The same with everything that has a prior back at its neutral value.
+    #[must_use]
+    pub fn as_stated(&self) -> Self {
+        let mut out = self.clone();
+        for f in self.free.iter().filter(|f| f.tolerance.is_some()) {
+            out.params.set(f.p, Params::neutral(f.p));
+        }
+        out
+    }
+}
+
 /// The cost function.
 #[derive(Debug, Clone)]
 pub struct Objective<'a> {

@@ -13,6 +13,7 @@ pub mod nominal;
 pub mod param;
 pub mod sim;
 mod stop;
+mod swing;
 
 pub use data::{Problem, RunData, Sample};
 pub use lanes::{Errors, Weights};

@@ -1,6 +1,7 @@
 //! Which effects: forward selection on held-out gaits, backward pruning, exchange against rivals.
 
 mod exchange;
+mod horizon;
 mod material;
 mod propose;
 
@@ -374,6 +375,7 @@ impl Search<'_> {
                 let better = |p: &(f64, Node)| p.0 < limit && self.gains(&o, &node, &p.1, first);
                 best = pick.filter(better).or(best);
             }
+            best = self.grown(&node, best.as_ref(), first, &mut log).or(best);
             if best.is_none() && node.found.is_empty() && self.options.thorough {
                 best = self.hidden(&o, &node, &tries, first, &mut log);
             }

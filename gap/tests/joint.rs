@@ -140,6 +140,54 @@ fn planted_effects_are_found_inverse_crime() {
     assert!(wrong.is_empty(), "{wrong:?}");
 }
 
+/// At 10 ms this loop swings by itself at some 17 Hz: a hundred periods in six seconds, so the whole runs alone lead no start there.
+#[test]
+fn a_late_encoder_that_makes_the_loop_swing_is_found() {
+    let planted = Params::default()
+        .with(P::FeedbackDelay, 0.0101)
+        .with(P::Inertia, 1.04)
+        .with(P::Motor, 0.98);
+    let (m, r) = common::data(&planted, 7);
+    let d = diagnose(&m, &r, 0, &quick()).expect("diagnosis");
+    let names: Vec<&str> = (d.verdict.effects.iter())
+        .map(|e| e.effect.name())
+        .collect();
+    assert_eq!(names, ["feedback_delay"], "{}", d.verdict.sentence);
+    let delay_s = d.selection.model.params.get(P::FeedbackDelay);
+    assert!((delay_s - 0.0101).abs() < 2e-4, "{delay_s}");
+}
+
+/// Three gaits of two repeats: swinging in step, swinging out of step, and slow ones that differ as much.
+#[test]
+fn only_what_swings_out_of_step_is_left_out() {
+    let mut text = String::from("format = 1\nrobot = \"bench\"\n[bench]\n");
+    let mut recordings = Vec::new();
+    for gait in 0..5 {
+        for repeat in 0..2 {
+            text += &format!("[[run]]\nfile = \"{gait}_{repeat}.csv\"\ngait = \"{gait}\"\n");
+        }
+    }
+    let (m, _) = Manifest::parse("d.toml", &text).expect("valid");
+    for (k, file) in m.runs.iter().enumerate() {
+        let (gait, repeat) = (k / 2, (k % 2) as f64);
+        let mut csv = String::from("t_s,setpoint_rad,position_rad\n");
+        for i in 0..400 {
+            let t = f64::from(i) * 0.01;
+            let slow = 0.5 * gap::math::sin(2.0 * t);
+            let swing = |phase: f64| 0.02 * gap::math::sin(90.0 * t + phase);
+            let position = match gait {
+                1 => slow + swing(repeat),
+                2 => slow + 0.02 * repeat,
+                _ => slow + swing(0.01 * repeat),
+            };
+            csv += &format!("{t:.3},{slow:.6},{position:.6}\n");
+        }
+        recordings.push(Recording::parse(&file.file, &csv, &m).expect("valid").0);
+    }
+    let p = Problem::new(&m, &recordings, 0).expect("position");
+    assert_eq!(p.out_of_step(1e-4), [2, 3]);
+}
+
 #[test]
 fn no_effect_is_called_none_and_the_answer_repeats() {
     let (m, r) = common::data(

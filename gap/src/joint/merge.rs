@@ -60,4 +60,17 @@ impl Problem {
             ..self.clone()
         }
     }
+
+    /// The first `seconds` of every run.
+    #[must_use]
+    pub fn beginning(&self, seconds: f64) -> Self {
+        let steps = (seconds / self.dt_s) as usize;
+        let mut out = self.clone();
+        for run in &mut out.runs {
+            run.steps = run.steps.min(steps);
+            run.samples.retain(|s| s.step < steps);
+            run.edges.retain(|e| e.step < steps);
+        }
+        out
+    }
 }

@@ -30,11 +30,7 @@ impl Search<'_> {
     fn stated(&self, model: &Model) -> Option<Model> {
         let far = |f: &&Free| f.pull(model.params.get(f.p)).abs() > BENT;
         model.free.iter().find(far)?;
-        let mut out = model.clone();
-        for f in model.free.iter().filter(|f| f.tolerance.is_some()) {
-            out.params.set(f.p, Params::neutral(f.p));
-        }
-        Some(out)
+        Some(model.as_stated())
     }
 
     /// `model` with the unknown nominal values as they are beside dry friction and a weight.
@@ -129,11 +125,7 @@ impl Search<'_> {
         self.refit_shared(o, linear, &mut all, moved, 4);
         all.truncate(1);
         all.retain(|t| t.score < 1.5 * best.score);
-        let mut stated = best.model.clone();
-        for f in best.model.free.iter().filter(|f| f.tolerance.is_some()) {
-            stated.params.set(f.p, Params::neutral(f.p));
-        }
-        all.push(attempt(stated));
+        all.push(attempt(best.model.as_stated()));
         self.refit(o, &mut all, 5);
         if let Some(first) = all.into_iter().next().filter(|t| t.score < best.score) {
             *best = first;
