@@ -17,6 +17,7 @@ mod echo;
 pub mod experiment;
 mod film;
 mod found;
+mod friction;
 mod gaits;
 pub mod inertial;
 mod joint_library;

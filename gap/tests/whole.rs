@@ -2,7 +2,7 @@
 
 mod robot;
 
-use files::model::{Effect as E, Model};
+use files::model::{Effect as E, Key, Model};
 use gap::verdict::{Verdict, Word};
 use gap::vocabulary::Effect;
 use gap::whole::{Settings, diagnose};
@@ -167,6 +167,57 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
             assert_eq!(of, Some(regime), "{}: {:?}", effect.name(), v.place);
         }
     }
+}
+
+#[test]
+fn a_heavier_robot_is_told_from_a_ground_that_holds_more_or_less() {
+    let heavier = |ratio: f64| {
+        Reality::with(|m| {
+            for key in Key::MASSES {
+                m.set(key, ratio * m.value(key)).expect("in range");
+            }
+        })
+    };
+    let ground = |ratio: f64| {
+        Reality::with(|m| {
+            m.set(Key::Friction, ratio * m.value(Key::Friction))
+                .expect("in range");
+        })
+    };
+    let nominal = Model::hand_tuned().value(Key::Friction);
+    let cases = [
+        (heavier(1.4), Effect::Mass, "ratio", 1.4),
+        (heavier(0.7), Effect::Mass, "ratio", 0.7),
+        (
+            ground(0.45),
+            Effect::GroundFriction,
+            "coefficient",
+            0.45 * nominal,
+        ),
+    ];
+    for (reality, effect, key, value) in cases {
+        let v = verdict(&Plan::default(), &reality);
+        let named: Vec<Effect> = v.effects.iter().map(|e| e.effect).collect();
+        assert_eq!(named, [effect], "{value}: {:?}", v.effects);
+        let found = &v.effects[0].parameters[key];
+        assert!((found.value / value - 1.0).abs() < 0.2, "{found:?}");
+    }
+}
+
+#[test]
+fn a_zero_that_drifts_is_no_offset() {
+    let reality = Reality {
+        zero_rad_s: [0.0, 0.0, 0.03, 0.0, 0.0, 0.0],
+        ..Reality::default()
+    };
+    let v = verdict(&Plan::default(), &reality);
+    assert_eq!(v.verdict, Word::Unknown, "{:?}", v.effects);
+    assert_eq!(
+        (v.place[0].stage.as_str(), v.place[0].joint),
+        ("conventions", Some(2)),
+        "{:?}",
+        v.place
+    );
 }
 
 #[test]

@@ -49,6 +49,9 @@ impl Scores {
         let before = score.metrics(&first);
         let calibrated = score.metrics(&base);
         let after = score.metrics(&last);
+        let outside = items
+            .iter()
+            .any(|i| matches!(i.place, found::Place::Convention | found::Place::Direct));
         let items = items
             .iter()
             .map(|i| {
@@ -88,12 +91,13 @@ impl Scores {
             primary: "position_rmse_rad",
             joints: score.by_joint(&first, &last),
         };
-        out.primary = out.choose();
+        out.primary = out.choose(outside);
         out
     }
 
-    /// The metric that fell most; without effects the base pose where measured, else the angles.
-    fn choose(&self) -> &'static str {
+    /// The metric that the effects lower most, from the calibrated model or, where some act `outside` the tiers' models, from the
+    /// nominal one; without effects the base pose where measured, else the angles.
+    fn choose(&self, outside: bool) -> &'static str {
         let order = [
             "pose_rmse_m",
             "position_rmse_rad",
@@ -104,7 +108,12 @@ impl Scores {
         if self.items.is_empty() {
             return known.into_iter().next().unwrap_or("position_rmse_rad");
         }
-        let fall = |n: &str| mean(&self.after, n) / mean(&self.before, n).max(1e-12);
+        let from = if outside {
+            &self.before
+        } else {
+            &self.calibrated
+        };
+        let fall = |n: &str| mean(&self.after, n) / mean(from, n).max(1e-12);
         known
             .min_by(|a, b| fall(a).total_cmp(&fall(b)))
             .unwrap_or("position_rmse_rad")

@@ -6,6 +6,7 @@ use super::body_library::{candidates, coordinates, widen};
 use super::data::{Data, JOINTS};
 use super::inertial;
 use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Search};
+use super::steady::Change;
 use crate::math;
 use crate::vocabulary::Effect;
 
@@ -28,8 +29,8 @@ const NEARER: f64 = 0.8;
 pub(super) struct Found {
     pub(super) tier: Tier,
     pub(super) answer: Answer,
-    /// Whether the ground's friction is another one late in a run than early.
-    pub(super) unsteady: bool,
+    /// What is another one late in a run than early.
+    pub(super) changes: Option<Change>,
 }
 
 /// Cost below which the windows fit: no order of joints is wrong, and no offset large.
@@ -123,9 +124,14 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
         answer = Searched::over(&tier, c, k).seek(&start, sure.as_ref());
         sure = sure.or_else(|| telling(&tier, &answer));
     }
-    let unsteady = tier.unsteady(&answer.last().theta);
+    let offset = |m: &usize| {
+        let found = &answer.candidates[*m];
+        (found.effect == Effect::JointOffset).then_some(found.joint?)
+    };
+    let moved: Vec<usize> = answer.last().members.iter().filter_map(offset).collect();
+    let changes = tier.changes(&answer.last().theta, &moved);
     Found {
-        unsteady,
+        changes,
         answer,
         tier,
     }

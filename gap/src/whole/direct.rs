@@ -249,30 +249,6 @@ fn supply(data: &Data, out: &mut Vec<Reading>) -> bool {
     true
 }
 
-/// The mass of the whole robot, from how much larger all joints' loads are than those of the nominal body.
-pub(super) fn mass(ratios: &[f64], tolerance: f64) -> Option<Reading> {
-    // Replayed loads hang on how several contacts share them: null robots give ratios down to 0.85, all joints alike.
-    const LOAD: f64 = 0.12;
-    if ratios.len() < 4 {
-        return None;
-    }
-    let ratio = math::median(ratios);
-    let off = |r: &&f64| (**r - 1.0) * (ratio - 1.0).signum() > LOAD;
-    let agree = ratios.iter().filter(off).count();
-    let spread = math::rms(&ratios.iter().map(|r| r - ratio).collect::<Vec<_>>());
-    let error = spread / (ratios.len() as f64).sqrt();
-    // Joints that disagree do so for a reason (chosen): robots with other causes show 1.26 and 1.38 of the nominal mass, with errors of
-    // 0.038 and 0.078, one of another engine that is 1.3 times as heavy 1.26 with 0.032.
-    let least = 3.0 * libm::hypot(libm::hypot(tolerance, 0.5 * LOAD), 1.7 * error);
-    ((ratio - 1.0).abs() > least && 3 * agree >= 2 * ratios.len()).then(|| Reading {
-        effect: Effect::Mass,
-        joint: None,
-        key: "ratio",
-        estimate: exact(ratio, 1.96 * error),
-        gain: ((ratio - 1.0) / LOAD).powi(2),
-    })
-}
-
 /// Reads everything off, and tells `conventions` what the joints need to know.
 pub(super) fn read(
     data: &Data,

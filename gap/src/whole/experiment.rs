@@ -15,6 +15,7 @@ use physics::{Drive, Options, Outcome, Params, Start, Trial};
 use super::data::{Data, JOINTS};
 use super::joints::{Found, nm_per_a};
 use super::rivals::{Explanation, Open};
+use super::steady::Change;
 use super::{Parts, gaits, predict, windows};
 use crate::math::{self, Rng};
 use crate::vocabulary::Effect;
@@ -439,8 +440,8 @@ impl Question {
             Open::Remainder {
                 gait,
                 cost,
-                unsteady,
-            } => self.again(*gait, *cost, *unsteady, accepts),
+                changes,
+            } => self.again(*gait, *cost, *changes, accepts),
         }
     }
 
@@ -496,17 +497,21 @@ impl Question {
         &self,
         gait: usize,
         cost: f64,
-        unsteady: bool,
+        changes: Option<Change>,
         accepts: &dyn Fn(&Gait) -> bool,
     ) -> Option<Experiment> {
         let sent = sent(&self.data, gait)?;
         let name = &self.data.gaits[gait];
-        let (next, why) = if unsteady {
+        let (next, why) = if let Some(change) = changes {
             let next = gaits::longer(&sent, LONG_S)?;
+            let what = match change {
+                Change::Friction => "the ground held otherwise than early".into(),
+                Change::Zero(k) => format!("joint {k} stood off its reading otherwise than early"),
+            };
             (
                 next,
                 format!(
-                    "the same for {LONG_S:.0} s: late in a run the ground held otherwise than early, and a longer run shows whether that goes on, settles or comes back"
+                    "the same for {LONG_S:.0} s: late in a run {what}, and a longer run shows whether that goes on, settles or comes back"
                 ),
             )
         } else {

@@ -9,6 +9,7 @@ use super::camera::C;
 use super::inertial;
 use super::search::{Answer, Fit};
 use super::servo::{J, Nominal};
+use super::steady::Change;
 use crate::math;
 use crate::verdict::{Ambiguous, Estimate, NextExperiment, Word};
 use crate::vocabulary::{Effect, Stage};
@@ -439,9 +440,13 @@ fn all(d: &Parts) -> Vec<Item> {
             });
         }
     }
-    if d.body.as_ref().is_some_and(|b| b.unsteady) {
-        // A friction that changes during a run is none of the library's.
-        out.retain(|i| i.effect != Effect::GroundFriction);
+    // What changes during a run is none of the library's.
+    match d.body.as_ref().and_then(|b| b.changes) {
+        Some(Change::Friction) => out.retain(|i| i.effect != Effect::GroundFriction),
+        Some(Change::Zero(k)) => {
+            out.retain(|i| (i.effect, i.joint) != (Effect::JointOffset, Some(k)));
+        }
+        None => {}
     }
     one_clock(out)
 }

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::joint_library::{TIMING_S, candidates, coordinates};
+use super::loads::Moments;
 use super::search::{Answer, Coordinate, Evaluate, Fit, Limits, Search};
 use super::servo::{self, J, JointRun, Load, Nominal, Trace};
 use super::{open, regime};
@@ -304,29 +305,26 @@ impl Tier {
         }
     }
 
-    /// Measured torque less the friction found, over the replayed load; `None` without torque. Where windows start from an inertial
-    /// sensor's speeds the replay chatters and the measured torque does not, so the load is what regresses (on null robots 0.95 to
-    /// 1.01 as median over the joints); else both hold errors of one size, so that neither regression is right and their ratio is
-    /// (0.95 to 1.05).
-    pub(super) fn load_ratio(&self, theta: &[f64], inertial: bool) -> Option<f64> {
-        let (mut yy, mut xy, mut xx) = (0.0, 0.0, 0.0);
+    /// Sums over the torque samples, of measured torques less the friction in `theta` and of replayed loads; `None` without torque. `bare`
+    /// leaves out what follows speed and direction of motion, as a friction that is not found yet does.
+    pub(super) fn moments(&self, theta: &[f64], bare: bool) -> Option<Moments> {
+        let mut gram = [[0.0; 4]; 4];
         let mut trace = Trace::default();
+        let mut count = 0;
         for run in &self.runs {
             servo::simulate(run, &self.nominal, theta, &mut trace);
-            for (measured, simulated, load) in run.loads(&trace) {
+            for ((measured, simulated, load), left) in run.loads(&trace).zip(run.left(&trace, &[]))
+            {
                 let friction = simulated - theta[J::Load as usize] * load;
-                let y = measured * theta[J::PerAmpere as usize] - friction;
-                yy += y * y;
-                xy += y * load;
-                xx += load * load;
+                let torque = measured * theta[J::PerAmpere as usize] - friction;
+                let row = [torque, load, left.speed_rad_s, left.direction()];
+                for (sums, x) in gram.iter_mut().zip(row) {
+                    sums.iter_mut().zip(row).for_each(|(s, y)| *s += x * y);
+                }
+                count += 1;
             }
         }
-        let ratio = if inertial {
-            (xy > 0.0).then(|| yy / xy)
-        } else {
-            (xx > 0.0).then(|| (yy / xx).sqrt())
-        };
-        ratio.filter(|r| r.is_finite())
+        (count > 0).then(|| Moments::new(&gram, bare))
     }
 
     /// Runs with the gait of each by number.
@@ -390,6 +388,10 @@ pub(super) struct Found {
     pub(super) odd: bool,
     /// Stage in which what is left arose.
     pub(super) rest: Stage,
+    /// Stage in which what the calibrated nominal model leaves arose.
+    gap: Stage,
+    /// The effects found bend to a law that they are not.
+    pub(super) astray: bool,
     /// Regime that holds most of the gap.
     pub(super) regime: &'static str,
 }
@@ -472,10 +474,10 @@ fn start(tier: &Tier, model: &Model, conventions: &Conventions) -> (Vec<Coordina
     (coordinates, nominal)
 }
 
-/// Measured torque of a nominal joint over its replayed load.
-pub(super) fn load_ratio(tier: &Tier, model: &Model, conventions: &Conventions) -> Option<f64> {
+/// Moments of a nominal joint, bare of any friction.
+pub(super) fn moments(tier: &Tier, model: &Model, conventions: &Conventions) -> Option<Moments> {
     let (_, nominal) = start(tier, model, conventions);
-    tier.load_ratio(&nominal, false)
+    tier.moments(&nominal, true)
 }
 
 /// Diagnoses one joint.
@@ -519,6 +521,8 @@ pub(super) fn diagnose(
             0.0
         },
         rest: regime::rest(&tier, last),
+        gap: regime::rest(&tier, base),
+        astray: false,
         regime: regime::regime(&tier, &answer.nominal, last, named),
         odd: false,
         answer,
@@ -535,13 +539,13 @@ pub(super) fn mark(found: &mut [Found]) {
         let others = laws.iter().enumerate().filter(|l| l.0 != k);
         let next = others.map(|l| *l.1).fold(0.0, f64::max);
         f.odd = f.law > open::LAW && f.law > APART * next;
-        if f.rival > open::RIVAL {
-            // The effects found bend to a law that they are not.
-            f.odd = true;
-        }
         if f.odd && f.rest != Stage::Transmission {
             // Laws are those of torques.
             f.rest = Stage::Drivetrain;
+        }
+        if f.rival > open::RIVAL {
+            // The gap is where it was without them.
+            (f.odd, f.astray, f.rest) = (true, true, f.gap);
         }
     }
 }

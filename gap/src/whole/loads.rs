@@ -1,8 +1,7 @@
 //! What all joints' loads say together: the robot's mass, and the ground's friction.
 //!
-//! On closed chains of contacts the torques grow with the friction of the ground as they grow with the weight, alike at all joints.
-//! The motion of the base tells the two apart: where the friction that explains the torques also suits the windows of the body
-//! better, it is the friction.
+//! On closed chains of contacts the torques grow with the friction of the ground as they grow with the weight, alike at all joints. So the
+//! friction is settled first (module `friction`); what the loads are off by on that ground is the mass.
 
 use std::sync::Arc;
 
@@ -11,13 +10,14 @@ use physics::Params;
 
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS};
-use super::direct::{Reading, exact, mass};
+use super::direct::{Reading, exact};
 use super::joints::{Found, Tier};
-use super::search::Evaluate;
+use super::least::solve;
 use super::servo::Load;
 use super::windows::{LinkMap, Window};
-use super::{body, least, servo, windows};
+use super::{body, friction, servo, windows};
 use crate::math;
+use crate::verdict::Estimate;
 use crate::vocabulary::Effect;
 
 /// What the loads are replayed with.
@@ -29,21 +29,71 @@ pub(super) struct Replay<'a> {
     pub(super) joints: &'a [Found],
 }
 
-/// Standard deviations, of tolerance and reading together, by which the friction must be off to be named.
-///
-/// Chosen: one null robot in a hundred shows its friction beyond 2.5.
-const FRICTION_TOLERANCES: f64 = 2.5;
-/// Relative error of a friction that is read off the torques: 0.05 on emulated robots with that cause, up to 0.2 where the cause is another
-/// one; a robot of another engine shows 0.49 for 0.45.
-const FRICTION_ERROR: f64 = 0.08;
-/// Loads that differ by less than this, as a share, say nothing.
-const ALIKE: f64 = 0.1;
-/// Cost of the windows over that with the friction found so far, above which the friction is not what the torques show: a true
-/// friction suits the windows better.
-const WORSE: f64 = 1.0;
-/// Frictions that are tried, as ratios to the one found so far.
-const FRICTIONS: [f64; 2] = [0.1, 4.0];
-const BISECTIONS: usize = 7;
+/// Least joints whose loads are judged together.
+pub(super) const JOINTLY: usize = 4;
+/// Relative error of the loads of all joints together: null robots show 0.97 to 1.07 (emulated robots, eight seeds).
+const LOAD_ERROR: f64 = 0.035;
+/// Standard deviations by which a mass must be off to be named.
+const MASS_DEVIATIONS: f64 = 3.0;
+/// Share of that which every five of the joints must show without the sixth.
+const WITHOUT: f64 = 0.6;
+
+/// Sums of squares and products over torque samples, (N m)2: of measured torques less the joint's friction, and of replayed loads.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Moments {
+    measured: f64,
+    both: f64,
+    replayed: f64,
+}
+
+impl std::iter::Sum for Moments {
+    fn sum<I: Iterator<Item = Self>>(all: I) -> Self {
+        all.fold(Self::default(), |a, b| Self {
+            measured: a.measured + b.measured,
+            both: a.both + b.both,
+            replayed: a.replayed + b.replayed,
+        })
+    }
+}
+
+impl Moments {
+    /// From the products of torque, load, speed and direction with one another; `bare` of what speed and direction explain.
+    pub(super) fn new(gram: &[[f64; 4]; 4], bare: bool) -> Self {
+        let [t, l, s, d] = gram;
+        // A joint that stands has neither.
+        let square = [s[2] + 1e-9, s[3], s[3], d[3] + 1e-9];
+        let product = |a: &[f64; 4], b: &[f64; 4], own: f64| {
+            let weights = solve(&square, &[b[2], b[3]]);
+            let follows = if bare {
+                weights[0] * a[2] + weights[1] * a[3]
+            } else {
+                0.0
+            };
+            own - follows
+        };
+        Self {
+            measured: product(t, t, t[0]),
+            both: product(t, l, t[1]),
+            replayed: product(l, l, l[1]),
+        }
+    }
+
+    /// Measured over replayed load. Where windows start from an inertial sensor's speeds the replay chatters and the measured torque does
+    /// not, so the load is what regresses; else both hold errors of one size, so that neither regression is right and their ratio is.
+    fn ratio(&self, inertial: bool) -> f64 {
+        if inertial {
+            self.measured / self.both.max(1e-12)
+        } else {
+            (self.measured / self.replayed.max(1e-12)).sqrt()
+        }
+    }
+
+    /// Share of the measured torque that replayed loads of whatever size leave.
+    pub(super) fn left(&self) -> f64 {
+        let follows = self.both.powi(2) / (self.measured * self.replayed).max(1e-12);
+        (1.0 - follows).clamp(1e-6, 1.0)
+    }
+}
 
 impl Replay<'_> {
     /// Whether windows start from an inertial sensor's speeds.
@@ -52,33 +102,29 @@ impl Replay<'_> {
         bases.into_iter().any(|b| b.reckoned.is_some())
     }
 
-    /// Median over the joints of measured over replayed load, with the ground's friction times `scale`.
-    fn ratios(&self, found: &body::Found, windows: &mut [Window], scale: f64) -> Vec<f64> {
-        let theta = scaled(found, scale);
+    /// Measured over replayed load of all joints, with the ground's friction `ratio` times the nominal one.
+    fn ratio(&self, found: &body::Found, windows: &mut [Window], ratio: f64) -> f64 {
+        let theta = friction::with(found, ratio);
         let params = Arc::new(found.tier.params(&theta));
         let loads = replay(self.data, windows, (&params, &found.tier.links(&theta)));
         let one = |f: &Found| {
-            let k = f.tier.joint;
-            let tier = Tier::new(
-                self.data,
-                self.model,
-                k,
-                self.fit_runs,
-                self.conventions,
-                &loads,
-            )?;
-            tier.load_ratio(&f.answer.last().theta, self.inertial())
+            let (runs, k) = (self.fit_runs, f.tier.joint);
+            let tier = Tier::new(self.data, self.model, k, runs, self.conventions, &loads)?;
+            tier.moments(&f.answer.last().theta, false)
         };
-        self.joints.iter().filter_map(one).collect()
+        let all: Moments = self.joints.iter().filter_map(one).sum();
+        all.ratio(self.inertial())
     }
 
-    /// Friction, as a ratio to the one found so far, at which the replayed loads are as large as the measured ones.
+    /// Friction over the nominal one at which the replayed loads are as large as the measured ones.
     fn balance(&self, found: &body::Found, windows: &mut [Window]) -> f64 {
-        let [mut low, mut high] = FRICTIONS.map(libm::log);
+        const ENDS: [f64; 2] = [0.1, 4.0];
+        const BISECTIONS: usize = 7;
+        let [mut low, mut high] = ENDS.map(libm::log);
         for _ in 0..BISECTIONS {
             let middle = 0.5 * (low + high);
             // Replayed loads grow with the friction, so the ratio falls.
-            if math::median(&self.ratios(found, windows, libm::exp(middle))) > 1.0 {
+            if self.ratio(found, windows, libm::exp(middle)) > 1.0 {
                 low = middle;
             } else {
                 high = middle;
@@ -87,84 +133,69 @@ impl Replay<'_> {
         libm::exp(0.5 * (low + high))
     }
 
-    /// Mass or friction, whichever the loads of all joints and the motion of the base agree on; and beside it the other one, as large as the
-    /// loads would have it.
-    pub(super) fn cause(&self, body: Option<&body::Found>, windows: &mut [Window]) -> Cause {
-        let ratios: Vec<f64> = self
-            .joints
-            .iter()
-            .filter_map(|f| f.tier.load_ratio(&f.answer.last().theta, self.inertial()))
-            .collect();
+    /// The mass of the whole robot, where the loads of all joints, and of all but any one, are larger or smaller than those of the nominal
+    /// body.
+    pub(super) fn mass(&self) -> Option<Reading> {
+        let own = |f: &Found| f.tier.moments(&f.answer.last().theta, false);
+        let all: Vec<Moments> = self.joints.iter().filter_map(own).collect();
+        if all.len() < JOINTLY {
+            return None;
+        }
+        let without = |k: usize| -> f64 {
+            let others = all.iter().enumerate().filter(|m| m.0 != k);
+            others.map(|m| *m.1).sum::<Moments>().ratio(self.inertial())
+        };
+        let ratio = all.iter().copied().sum::<Moments>().ratio(self.inertial());
+        let parts: Vec<f64> = (0..all.len()).map(without).collect();
         let half = self.model.parameter(Key::Mass1);
         // Eight half-spheres that vary alone.
         let tolerance = half.tolerance / half.value / 8.0_f64.sqrt();
-        let heavier = mass(&ratios, tolerance);
-        let ratio = math::median(&ratios);
-        let alone = |named| Cause {
-            named,
-            instead: None,
-        };
-        let Some(found) = body.filter(|_| ratios.len() >= 4) else {
-            return alone(heavier);
-        };
-        if (ratio - 1.0).abs() < ALIKE {
-            return alone(heavier);
-        }
-        let scale = self.balance(found, windows);
-        let worse = misfit(found, scale) / misfit(found, 1.0).max(1e-9);
-        let (off, slippery) = friction(self.model, found, scale);
-        if worse > WORSE {
-            return Cause {
-                named: heavier,
-                instead: Some(slippery),
-            };
-        }
-        Cause {
-            named: Some(slippery).filter(|_| off > FRICTION_TOLERANCES),
-            instead: Some(Reading {
-                effect: Effect::Mass,
-                joint: None,
-                key: "ratio",
-                estimate: exact(ratio, 0.0),
-                gain: 0.0,
-            }),
+        // Jackknife: joints left out one at a time.
+        let moved: Vec<f64> = parts.iter().map(|p| p - math::mean(&parts)).collect();
+        let apart = math::rms(&moved) * (parts.len() as f64 - 1.0).sqrt();
+        let error = libm::hypot(LOAD_ERROR * ratio, apart);
+        let least = MASS_DEVIATIONS * libm::hypot(tolerance, error);
+        let beyond = |r: &f64, share: f64| (r - 1.0) * (ratio - 1.0).signum() > share * least;
+        let all_beyond = parts.iter().all(|r| beyond(r, WITHOUT));
+        (beyond(&ratio, 1.0) && all_beyond).then(|| Reading {
+            effect: Effect::Mass,
+            joint: None,
+            key: "ratio",
+            estimate: exact(ratio, 1.96 * error),
+            gain: ((ratio - 1.0) / libm::hypot(tolerance, error)).powi(2),
+        })
+    }
+
+    /// What would make the loads as large as what is named, where that is the one of mass and ground friction: the other one.
+    pub(super) fn instead(
+        &self,
+        named: Effect,
+        found: &body::Found,
+        windows: &mut [Window],
+    ) -> Option<Reading> {
+        match named {
+            Effect::Mass => {
+                let value = self.model.value(Key::Friction) * self.balance(found, windows);
+                let key = "coefficient";
+                Some(reading(Effect::GroundFriction, key, exact(value, 0.0), 0.0))
+            }
+            Effect::GroundFriction => {
+                let ratio = self.ratio(found, windows, 1.0);
+                Some(reading(Effect::Mass, "ratio", exact(ratio, 0.0), 0.0))
+            }
+            _ => None,
         }
     }
 }
 
-/// What the loads say.
-pub(super) struct Cause {
-    /// What is named.
-    pub(super) named: Option<Reading>,
-    /// What would make the loads as large.
-    pub(super) instead: Option<Reading>,
-}
-
-/// Takes a ground's friction out of `found` that the torques of all joints speak against: with it the replayed loads are farther from the
-/// measured ones than with the nominal friction. `ratios` are measured over replayed loads of the joints, for a body and its links.
-pub(super) fn doubt(
-    found: &mut body::Found,
-    ratios: impl Fn((&Arc<Params>, &[LinkMap; JOINTS])) -> Vec<f64>,
-) {
-    // Null robots show loads between 0.85 and 1.05 of the measured ones; a friction of 0.45 halves them.
-    const FARTHER: f64 = 0.2;
-    let answer = &found.answer;
-    let last = answer.last();
-    let is = |m: &&usize| answer.candidates[**m].effect == Effect::GroundFriction;
-    let Some(at) = last.members.iter().position(|m| is(&m)) else {
-        return;
-    };
-    let far = |theta: &[f64]| {
-        let params = Arc::new(found.tier.params(theta));
-        let all = ratios((&params, &found.tier.links(theta)));
-        (all.len() >= 4).then(|| libm::log(math::median(&all).max(1e-6)).abs())
-    };
-    let without = answer.removed_alone[at].0.clone();
-    let (Some(with), Some(plain)) = (far(&last.theta), far(&without.theta)) else {
-        return;
-    };
-    if with > plain + FARTHER {
-        found.answer.drop_member(at, without);
+/// A reading of what the robot has once.
+pub(super) fn reading(effect: Effect, key: &'static str, estimate: Estimate, gain: f64) -> Reading {
+    Reading {
+        effect,
+        joint: None,
+        key,
+        estimate,
+        gain,
     }
 }
 
@@ -201,32 +232,4 @@ pub(super) fn weighed(
         }
     }
     out
-}
-
-/// Coordinates of the body with the friction times `scale`.
-fn scaled(found: &body::Found, scale: f64) -> Vec<f64> {
-    let mut theta = found.answer.last().theta.clone();
-    theta[body::B::Friction as usize] *= scale;
-    theta
-}
-
-/// Cost of the windows.
-fn misfit(found: &body::Found, scale: f64) -> f64 {
-    least::cost(&found.tier.residuals(&scaled(found, scale)))
-}
-
-/// The friction times `scale`, and by how many standard deviations it is off.
-fn friction(model: &Model, found: &body::Found, scale: f64) -> (f64, Reading) {
-    let nominal = model.parameter(Key::Friction);
-    let value = nominal.value * scaled(found, scale)[body::B::Friction as usize];
-    let spread = libm::hypot(nominal.tolerance, FRICTION_ERROR * value);
-    let off = (value - nominal.value).abs() / spread.max(1e-9);
-    let reading = Reading {
-        effect: Effect::GroundFriction,
-        joint: None,
-        key: "coefficient",
-        estimate: exact(value, 1.96 * FRICTION_ERROR * value),
-        gain: off * off,
-    };
-    (off, reading)
 }

@@ -1,7 +1,7 @@
 //! Is there a law in what is left that the library does not hold?
 //!
 //! The torque that the best model leaves is regressed on general features of the motion: friction that depends on the place, hysteresis (stop
-//! operators of several widths, from which any rate-independent hysteresis is a sum), load by direction, and time; the angle on time.
+//! operators of several widths, from which any rate-independent hysteresis is a sum), and load by direction.
 //! What predicts the remainder of gaits that it was not fitted on is a law.
 
 use super::joints::Tier;
@@ -15,8 +15,6 @@ use super::servo::{self, Left, Trace};
 pub(super) const LAW: f64 = 0.2;
 /// How many times as much as a law effects may leave.
 pub(super) const RIVAL: f64 = 1.3;
-/// Speed below which a direction of motion is none, rad/s.
-const STILL_RAD_S: f64 = 0.05;
 /// Periods per turn that are tried, and widths of stop operators, rad.
 const PERIODS: u32 = 12;
 const WIDTHS_RAD: [f64; 4] = [0.08, 0.16, 0.32, 0.64];
@@ -76,15 +74,6 @@ fn predicted(
     }
 }
 
-/// Direction of motion, 0 at rest.
-fn direction(s: &Left) -> f64 {
-    if s.speed_rad_s.abs() < STILL_RAD_S {
-        0.0
-    } else {
-        s.speed_rad_s.signum()
-    }
-}
-
 /// What a model leaves of a joint's torque, with the gait of every sample.
 fn left(tier: &Tier, theta: &[f64]) -> Vec<(usize, Left)> {
     let mut trace = Trace::default();
@@ -109,7 +98,7 @@ fn largest(samples: &[(usize, Left)]) -> f64 {
     for k in 1..=PERIODS {
         let place = move |s: &Left| {
             let (sin, cos) = libm::sincos(f64::from(k) * s.angle_rad);
-            vec![direction(s) * sin, direction(s) * cos]
+            vec![s.direction() * sin, s.direction() * cos]
         };
         best = best.max(share(&place));
     }

@@ -8,6 +8,7 @@ use std::collections::BTreeMap;
 
 use super::answer::REMAINDER;
 use super::found::{Item, Place};
+use super::steady::Change;
 use super::{Parts, Settings, found};
 use crate::math;
 use crate::verdict::Where;
@@ -21,31 +22,34 @@ type Key = (Option<Stage>, Option<usize>);
 
 /// Costs of a tier by group: what calibration and every effect gain, and what stays.
 struct Fall {
-    joint: Option<usize>,
     /// Stage, joint, cost gained by group.
     parts: Vec<(Stage, Option<usize>, Vec<f64>)>,
     left: Vec<f64>,
-    stage_of_rest: Stage,
+    /// Stage and joint in which what is left arose.
+    rest: (Stage, Option<usize>),
     /// A law that the library does not hold is in what is left.
     odd: bool,
 }
 
 fn falls(d: &Parts) -> Vec<Fall> {
     let mut out = Vec::new();
-    let unsteady = d.body.as_ref().is_some_and(|b| b.unsteady);
-    let joints = d
-        .joints
-        .iter()
-        .map(|f| (Some(f.tier.joint), &f.answer, f.rest, f.odd));
-    let body = d.body.iter();
-    let tiers = joints
-        .chain(body.map(|b| (None, &b.answer, Stage::Body, unsteady)))
-        .chain(
-            d.camera
-                .iter()
-                .map(|c| (None, &c.answer, Stage::Camera, false)),
-        );
-    for (joint, a, rest, odd) in tiers {
+    let joints = d.joints.iter().map(|f| {
+        let own = (Stage::Driver, Some(f.tier.joint));
+        (own, &f.answer, (f.rest, own.1), [f.odd, f.astray])
+    });
+    let body = d.body.iter().map(|b| {
+        let own = (Stage::Body, None);
+        let rest = match b.changes {
+            Some(Change::Zero(k)) => (Stage::Conventions, Some(k)),
+            _ => own,
+        };
+        (own, &b.answer, rest, [b.changes.is_some(), false])
+    });
+    let camera = d.camera.iter().map(|c| {
+        let own = (Stage::Camera, None);
+        (own, &c.answer, own, [false, false])
+    });
+    for (own, a, rest, [odd, astray]) in joints.chain(body).chain(camera) {
         let last = a.last();
         let base = &a.steps[0].groups;
         let bent: Vec<f64> = a
@@ -55,9 +59,8 @@ fn falls(d: &Parts) -> Vec<Fall> {
             .map(|(x, y)| (x - y).max(0.0))
             .collect();
         let weight = (a.pull / math::mean(&bent).max(1e-12)).min(1.0);
-        let calibrated = if joint.is_some() { Stage::Driver } else { rest };
         let bent = bent.iter().map(|x| x * weight).collect();
-        let mut parts = vec![(calibrated, joint, bent)];
+        let mut parts = vec![(own.0, own.1, bent)];
         // What every effect gains in the final model, scaled to the whole fall.
         let whole: Vec<f64> = base
             .iter()
@@ -73,13 +76,13 @@ fn falls(d: &Parts) -> Vec<Fall> {
         for (m, g) in last.members.iter().zip(&gains) {
             let c = &a.candidates[*m];
             let part = whole.iter().map(|w| w * g / sum.max(1e-12)).collect();
-            parts.push((c.effect.stage(), c.joint, part));
+            let stage = if astray { rest.0 } else { c.effect.stage() };
+            parts.push((stage, c.joint, part));
         }
         out.push(Fall {
-            joint,
             parts,
             left: last.groups.iter().map(|c| (c - 1.0).max(0.0)).collect(),
-            stage_of_rest: rest,
+            rest,
             odd,
         });
     }
@@ -100,7 +103,7 @@ fn costs(d: &Parts, items: &[Item]) -> BTreeMap<Key, Vec<f64>> {
             add((Some(*stage), *joint), v);
         }
         let key = if math::mean(&f.left) > REMAINDER || f.odd {
-            (Some(f.stage_of_rest), f.joint)
+            (Some(f.rest.0), f.rest.1)
         } else {
             (None, None)
         };

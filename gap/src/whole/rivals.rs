@@ -7,6 +7,7 @@ use files::model::Model;
 use super::Parts;
 use super::found::{self, Item, Place};
 use super::patch::patched;
+use super::steady::Change;
 use crate::verdict::{EffectRow, Estimate, Verdict, Word};
 use crate::vocabulary::{Effect, Stage};
 
@@ -29,8 +30,8 @@ pub(super) enum Open {
         gait: usize,
         /// What they leave, squared tolerances per sample.
         cost: f64,
-        /// The ground's friction is another one late in a run than early.
-        unsteady: bool,
+        /// What is another one late in a run than early.
+        changes: Option<Change>,
     },
 }
 
@@ -88,20 +89,21 @@ fn class(d: &Parts, v: &Verdict, model: &Model) -> Option<Vec<Explanation>> {
     (all.len() > 1).then_some(all)
 }
 
-/// A remainder of the body, where the verdict puts one there.
+/// A remainder of the body's windows, where the verdict puts one there.
 fn remainder(d: &Parts, v: &Verdict) -> Option<Open> {
     let place = v.place.iter().find(|p| p.stage != "unexplained")?;
-    if v.verdict != Word::Unknown || place.stage != Stage::Body.name() || !v.ambiguous.is_empty() {
+    let body = d.body.as_ref()?;
+    let own = place.stage == Stage::Body.name() || body.changes.is_some();
+    if v.verdict != Word::Unknown || !own || !v.ambiguous.is_empty() {
         return None;
     }
-    let body = d.body.as_ref()?;
     let groups = body.answer.last().groups.iter().enumerate();
     let (worst, cost) = groups.max_by(|a, b| a.1.total_cmp(b.1))?;
     let at = body.tier.group.iter().position(|g| *g == worst)?;
     Some(Open::Remainder {
         gait: body.tier.windows[at].gait,
         cost: *cost,
-        unsteady: body.unsteady,
+        changes: body.changes,
     })
 }
 

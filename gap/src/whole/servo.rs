@@ -110,6 +110,19 @@ pub(super) struct Left {
     pub(super) stops_rad: Vec<f64>,
 }
 
+impl Left {
+    /// Direction of motion, 0 at rest.
+    pub(super) fn direction(&self) -> f64 {
+        // Speed below which there is none, rad/s.
+        const STILL_RAD_S: f64 = 0.05;
+        if self.speed_rad_s.abs() < STILL_RAD_S {
+            0.0
+        } else {
+            self.speed_rad_s.signum()
+        }
+    }
+}
+
 /// Load of one joint in one run, on the grid of steps.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Load {

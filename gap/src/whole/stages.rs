@@ -16,7 +16,7 @@ use super::score::Score;
 use super::search::Candidate;
 use super::servo::Load;
 use super::windows::{self, Window};
-use super::{Settings, Split, WholeError, body, camera, direct, film, split};
+use super::{Settings, Split, WholeError, body, camera, direct, film, friction, split};
 use crate::vocabulary::{Effect, Stage};
 
 /// What is asked.
@@ -47,6 +47,11 @@ pub(super) struct Loads {
 }
 
 impl Seen {
+    /// Whether `effect` was read off.
+    fn reads(&self, effect: Effect) -> bool {
+        self.direct.iter().any(|r| r.effect == effect)
+    }
+
     /// Whether the body holds an effect that `is` so.
     fn holds(&self, is: impl Fn(&Candidate) -> bool) -> bool {
         self.body.as_ref().is_some_and(|b| {
@@ -104,17 +109,20 @@ impl Task<'_> {
         Tier::new(&seen.data, self.model, k, fit, &seen.conventions, loads)
     }
 
-    /// Loads on the joints, from the body as it was found to be; a ground's friction that they speak against is taken out of it.
+    /// Loads on the joints, from the body as it was found to be; the friction of its ground as motion and torques together have it.
     pub(super) fn loads(&self, seen: &mut Seen) -> Loads {
         let mut windows = windows::cut(&seen.data, 1.0, 0.9);
         if let Some(mut body) = seen.body.take() {
-            loads::doubt(&mut body, |with| {
-                let loads = loads::replay(&seen.data, &mut windows.clone(), with);
-                (0..JOINTS)
-                    .filter_map(|k| self.tier(seen, k, &loads))
-                    .filter_map(|tier| joints::load_ratio(&tier, self.model, &seen.conventions))
-                    .collect()
-            });
+            if body.changes.is_none() {
+                let read = friction::settle(&mut body, self.model, |with| {
+                    let loads = loads::replay(&seen.data, &mut windows.clone(), with);
+                    (0..JOINTS)
+                        .filter_map(|k| self.tier(seen, k, &loads))
+                        .filter_map(|tier| joints::moments(&tier, self.model, &seen.conventions))
+                        .collect()
+                });
+                seen.direct.extend(read);
+            }
             seen.body = Some(body);
         }
         let (params, links) = match &seen.body {
@@ -157,17 +165,27 @@ impl Task<'_> {
             conventions: &seen.conventions,
             joints,
         };
-        let cause = replay.cause(seen.body.as_ref(), &mut loads.windows);
-        // A slope only turns gravity, which the replay does too.
-        let other =
-            seen.holds(|c| c.effect.stage() == Stage::Body && c.effect != Effect::GroundSlope);
-        let named = cause
-            .named
-            .filter(|r| !seen.holds(|c| c.effect == r.effect));
-        // A replay on a ground or of a body that is another one is too rough for torques to show a mass besides.
-        let named = named.filter(|r| r.effect != Effect::Mass || !other);
-        seen.direct.extend(named);
-        cause.instead
+        // A slope only turns gravity, which the replay does too. A replay on a ground or of a body that is another one is too rough for
+        // torques to show a mass besides.
+        let other = seen
+            .holds(|c| c.effect.stage() == Stage::Body && c.effect != Effect::GroundSlope)
+            || seen.reads(Effect::GroundFriction);
+        let mass = replay.mass().filter(|_| !other);
+        let found = seen.body.as_ref();
+        let filmed = seen.data.runs.iter().filter_map(|r| r.base.as_ref());
+        let rough = filmed.into_iter().any(|b| b.filmed.is_some());
+        let slips = seen.reads(Effect::GroundFriction)
+            || seen.holds(|c| c.effect == Effect::GroundFriction);
+        let named = match &mass {
+            Some(_) => Some(Effect::Mass),
+            None => slips.then_some(Effect::GroundFriction),
+        };
+        let instead = named
+            .zip(found)
+            .filter(|_| rough)
+            .and_then(|(effect, body)| replay.instead(effect, body, &mut loads.windows));
+        seen.direct.extend(mass);
+        instead
     }
 
     /// The runs that are scored, as they were found to be.

@@ -1,55 +1,100 @@
-//! Whether the ground stays the same during a run.
+//! Whether what the model holds constant stays the same during a run.
 
-use super::body::{B, NUMBERS, Tier};
+use super::body::{B, NUMBERS, OFFSET, Tier, of_joint};
 use super::search::Evaluate;
 
-/// Frictions tried on parts of the runs, as ratios to the one found.
+/// What is another one late in a run than early.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Change {
+    /// Friction of the ground.
+    Friction,
+    /// Zero of a joint.
+    Zero(usize),
+}
+
+/// Frictions that windows are simulated with, as ratios to the one found.
 const FRICTIONS: [f64; 9] = [0.3, 0.42, 0.55, 0.7, 0.85, 1.0, 1.2, 1.5, 1.9];
-/// Parts of the runs' length.
-const PARTS: usize = 3;
-/// Least gain of a friction of its own in every part for the friction to be called unsteady.
-const UNSTEADY: f64 = 0.05;
-/// Least ratio of the first part's friction to the last's, or the other way round: robots on a ground that stays show 1.2.
-const FAR: f64 = 1.4;
+/// Offsets of a joint, likewise.
+const OFFSETS: [f64; 9] = [-0.5, 0.0, 0.4, 0.7, 1.0, 1.3, 1.6, 2.0, 2.5];
+/// Largest fall that is tried, and its steps to either side of none.
+const MOST: f64 = 2.4;
+const FALLS: i32 = 16;
+/// Values in mid run that are tried.
+const LEVELS: usize = 25;
+/// Least fall that counts, whichever gait is left out: a friction halved or doubled, an offset changed by seven tenths of itself.
+const FAR: f64 = core::f64::consts::LN_2;
+/// Least gain on gaits left out, in costs of a window at the mean: of 125, emulated robots whose friction falls by 2.6 or more gain 8 and more,
+/// others up to 2.4 with a fall that all gaits tell.
+const GAIN: f64 = 4.0;
+
+/// A value that changes steadily: in mid run, and what it loses over the length of the runs.
+#[derive(Debug, Clone, Copy)]
+struct Law {
+    level: f64,
+    fall: f64,
+}
+
+/// The laws tried, for values between `low` and `high`.
+fn laws(low: f64, high: f64) -> impl Iterator<Item = Law> {
+    let step = (high - low) / (LEVELS - 1) as f64;
+    (-FALLS..=FALLS).flat_map(move |f| {
+        (0..LEVELS).map(move |l| Law {
+            level: low + step * l as f64,
+            fall: MOST * f64::from(f) / f64::from(FALLS),
+        })
+    })
+}
 
 impl Tier {
-    /// Whether windows early and late in the runs want different frictions of the ground: those of the other gaits, on every gait.
-    pub(super) fn unsteady(&self, theta: &[f64]) -> bool {
-        let costs: Vec<Vec<f64>> = FRICTIONS
-            .iter()
-            .map(|f| {
-                let mut t = theta.to_vec();
-                t[B::Friction as usize] *= f;
-                self.window_costs(&t)
+    /// What changes along the runs of the body `theta`, on which the joints `moved` were found to have offsets.
+    pub(super) fn changes(&self, theta: &[f64], moved: &[usize]) -> Option<Change> {
+        let at = |coordinate: usize, ratio: f64| {
+            let mut t = theta.to_vec();
+            t[coordinate] *= ratio;
+            self.window_costs(&t)
+        };
+        let friction = FRICTIONS.map(|f| (libm::log(f), at(B::Friction as usize, f)));
+        let zero = |k: &&usize| {
+            let offsets = OFFSETS.map(|f| (f, at(of_joint(**k, OFFSET), f)));
+            self.unsteady(&offsets)
+        };
+        let first = moved.iter().find(zero).map(|k| Change::Zero(*k));
+        first.or_else(|| self.unsteady(&friction).then_some(Change::Friction))
+    }
+
+    /// Whether a value changes along the runs, of which `tried` holds the windows' costs, by rising value: by how much the other gaits tell, on every gait.
+    fn unsteady(&self, tried: &[(f64, Vec<f64>)]) -> bool {
+        let (Some(low), Some(high)) = (tried.first(), tried.last()) else {
+            return false;
+        };
+        // Windows take 1 s.
+        let starts = self.windows.iter().map(|w| w.from_s);
+        let length_s = 1.0 + starts.clone().fold(0.0, f64::max);
+        let when: Vec<f64> = starts.map(|t| (t + 0.5) / length_s - 0.5).collect();
+        // Costs of the gaits, by law.
+        let laws: Vec<(Law, Vec<f64>)> = laws(low.0, high.0)
+            .map(|law| {
+                let mut sums = vec![0.0; self.groups];
+                for (w, t) in when.iter().enumerate() {
+                    sums[self.group[w]] += between(tried, w, law.level - law.fall * t);
+                }
+                (law, sums)
             })
             .collect();
-        let latest = self.windows.iter().map(|w| w.from_s).fold(0.0, f64::max);
-        let part = |w: usize| (PARTS as f64 * self.windows[w].from_s / (latest + 1.0)) as usize;
-        // Costs by part and friction of the windows that are taken.
-        let sums = |take: &dyn Fn(usize) -> bool| -> [[f64; FRICTIONS.len()]; PARTS] {
-            let mut out = [[0.0; FRICTIONS.len()]; PARTS];
-            for w in (0..self.windows.len()).filter(|w| take(*w)) {
-                let own = &mut out[part(w).min(PARTS - 1)];
-                own.iter_mut().zip(&costs).for_each(|(s, c)| *s += c[w]);
-            }
-            out
+        let best = |left_out: usize, steady: bool| -> &(Law, Vec<f64>) {
+            let cost = |(_, sums): &(Law, Vec<f64>)| sums.iter().sum::<f64>() - sums[left_out];
+            let tried = laws.iter().filter(|l| !steady || l.0.fall == 0.0);
+            tried
+                .min_by(|a, b| cost(a).total_cmp(&cost(b)))
+                .unwrap_or(&laws[0])
         };
-        let values = apart(&sums(&|_| true)).map(|f| FRICTIONS[f]);
-        let falls =
-            values.windows(2).all(|v| v[1] <= v[0]) || values.windows(2).all(|v| v[1] >= v[0]);
-        let (mut common, mut parted) = (0.0, 0.0);
-        for g in 0..self.groups {
-            let others = sums(&|w| self.group[w] != g);
-            let own = sums(&|w| self.group[w] == g);
-            let one = together(&others);
-            let each = apart(&others);
-            for (sum, friction) in own.iter().zip(each) {
-                common += sum[one];
-                parted += sum[friction];
-            }
-        }
-        let far = libm::log(values[0] / values[PARTS - 1]).abs() > libm::log(FAR);
-        falls && far && common - parted > UNSTEADY * common
+        let groups = 0..self.groups;
+        let left_out = |steady| -> f64 { groups.clone().map(|g| best(g, steady).1[g]).sum() };
+        let (stays, falls) = (left_out(true), left_out(false));
+        let told = groups.clone().map(|g| best(g, false).0.fall);
+        let least = told.clone().fold(f64::INFINITY, f64::min);
+        let most = told.fold(f64::NEG_INFINITY, f64::max);
+        (least > FAR || most < -FAR) && stays - falls > GAIN * stays / self.windows.len() as f64
     }
 
     /// Mean square of the errors of every window.
@@ -66,21 +111,12 @@ impl Tier {
     }
 }
 
-/// The friction of least cost in every part.
-fn apart(sums: &[[f64; FRICTIONS.len()]; PARTS]) -> [usize; PARTS] {
-    sums.map(|s| least(&s))
-}
-
-/// The friction of least cost in all parts together.
-fn together(sums: &[[f64; FRICTIONS.len()]; PARTS]) -> usize {
-    let all: Vec<f64> = (0..FRICTIONS.len())
-        .map(|f| sums.iter().map(|s| s[f]).sum())
-        .collect();
-    least(&all)
-}
-
-fn least(costs: &[f64]) -> usize {
-    (0..costs.len())
-        .min_by(|a, b| costs[*a].total_cmp(&costs[*b]))
-        .unwrap_or(0)
+/// Cost of window `w` at the value `x`, between the two tried ones beside it.
+fn between(tried: &[(f64, Vec<f64>)], w: usize, x: f64) -> f64 {
+    let last = tried.len() - 1;
+    let x = x.clamp(tried[0].0, tried[last].0);
+    let i = (1..last).find(|i| x < tried[*i].0).unwrap_or(last);
+    let (a, b) = (&tried[i - 1], &tried[i]);
+    let f = (x - a.0) / (b.0 - a.0);
+    a.1[w] * (1.0 - f) + b.1[w] * f
 }

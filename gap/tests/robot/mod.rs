@@ -79,6 +79,8 @@ pub(crate) struct Reality {
     pub(crate) path: Box<Path>,
     /// Shifts the nominal parameters within their tolerances.
     pub(crate) jitter: bool,
+    /// Drift of each joint's reading off its angle, rad/s: the joint follows its reading.
+    pub(crate) zero_rad_s: [f64; 6],
 }
 
 impl Default for Reality {
@@ -87,6 +89,7 @@ impl Default for Reality {
             model: Model::hand_tuned(),
             path: Box::new(|s| s.to_vec()),
             jitter: true,
+            zero_rad_s: [0.0; 6],
         }
     }
 }
@@ -126,6 +129,7 @@ fn jittered(reality: &Reality, seed: u64) -> Model {
 /// Simulates and writes the CSV of one run.
 fn csv(
     plan: &Plan,
+    zero_rad_s: &[f64; 6],
     [sent, reached]: [&[[f64; 6]]; 2],
     outcome: &physics::Outcome,
     rng: &mut Rng,
@@ -154,7 +158,7 @@ fn csv(
         let tick = ((t + 1e-6) / TICK_S) as usize;
         for (k, sent) in sent[tick].iter().enumerate() {
             let at = i * 6 + k;
-            let q = f64::from(outcome.encoders_rad[at]) + 2e-4 * rng.normal();
+            let q = f64::from(outcome.encoders_rad[at]) + zero_rad_s[k] * t + 2e-4 * rng.normal();
             let _ = write!(s, ",{sent:.6},{q:.4}");
             if plan.echo {
                 let _ = write!(s, ",{:.6}", reached[tick][k]);
@@ -207,9 +211,13 @@ pub(crate) fn record(plan: &Plan, reality: &Reality) -> (Manifest, Vec<Recording
             );
             let points = set_points(plan, gait);
             let mut rng = Rng::new(plan.seed + 77 * repeat as u64);
+            let drifted = |(i, p): (usize, &[f64; 6])| -> [f64; 6] {
+                std::array::from_fn(|k| p[k] - reality.zero_rad_s[k] * i as f64 * TICK_S)
+            };
             let values: Vec<f32> = (reality.path)(&points)
                 .iter()
-                .flatten()
+                .enumerate()
+                .flat_map(drifted)
                 // Repeats differ by a little of everything; here by the set-points' last bits of play.
                 .map(|x| {
                     (x + if plan.repeats > 1 {
@@ -239,9 +247,13 @@ pub(crate) fn record(plan: &Plan, reality: &Reality) -> (Manifest, Vec<Recording
         .zip(&sent)
         .map(|(o, s)| {
             let reached = (reality.path)(s);
-            Recording::parse("run.csv", &csv(plan, [s, &reached], o, &mut rng), &manifest)
-                .expect("valid")
-                .0
+            Recording::parse(
+                "run.csv",
+                &csv(plan, &reality.zero_rad_s, [s, &reached], o, &mut rng),
+                &manifest,
+            )
+            .expect("valid")
+            .0
         })
         .collect();
     (manifest, recordings)

@@ -99,12 +99,13 @@ fn a_remainder_gets_its_gait_again_slower_or_for_longer() {
         runs: vec![sent_run(&gait)],
         gaits: vec!["paddle".into()],
     });
-    for unsteady in [false, true] {
+    for changes in [None, Some(Change::Friction), Some(Change::Zero(3))] {
+        let unsteady = changes.is_some();
         let q = Question {
             open: Open::Remainder {
                 gait: 0,
                 cost: 12.0,
-                unsteady,
+                changes,
             },
             data: Arc::clone(&data),
             ..question(Vec::new())

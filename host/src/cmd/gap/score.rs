@@ -197,8 +197,11 @@ impl Opened {
         self.truth.iter().any(|(_, joint)| *joint == said)
     }
 
-    /// Whether the best that was found leaves more than two floors.
+    /// Whether the best that was found leaves more than two floors. Where nothing was found, all of a detectable effect is left.
     pub(super) fn far_off(&self) -> bool {
+        if self.said.is_empty() {
+            return true;
+        }
         let g = &self.verdict["gap"];
         let floor = g["floor"].as_f64().unwrap_or(f64::INFINITY);
         g["after"].as_f64().unwrap_or(0.0) > DETECTABLE * floor

@@ -1,0 +1,123 @@
+//! The friction of the ground, from the motion of the base and the torques of all joints together.
+//!
+//! Either alone tells it roughly: the windows' cost is rough in it, and replayed loads grow with the friction as they grow with the mass. How
+//! well the loads follow the measured torques, whatever their size, does not hang on the mass, and is rough in another way.
+
+use std::sync::Arc;
+
+use files::model::{Key, Model};
+use physics::Params;
+
+use super::body::{self, B};
+use super::data::JOINTS;
+use super::direct::{Reading, exact};
+use super::least;
+use super::loads::{Moments, reading};
+use super::search::Evaluate;
+use super::windows::LinkMap;
+use crate::vocabulary::{Effect, Stage};
+
+/// Frictions tried: logarithms of their ratios to the nominal one, in steps of this many from the lowest to the highest.
+const STEP: f64 = 0.2;
+const STEPS: std::ops::RangeInclusive<i32> = -7..=4;
+/// Distance from the best one within which the costs are smoothed by a parabola.
+const NEAR: f64 = 0.65;
+/// Least gain over the nominal friction, as a logarithm of both costs together: robots with other causes or none show up to 0.03, with a
+/// friction of 0.75 or less, or 1.3 or more, 0.09 and more (emulated robots, fifteen of the one and eight of the other).
+const GAIN: f64 = 0.05;
+/// Relative error of the friction found: the same eight differ from the truth by 0.09, root mean square.
+const ERROR: f64 = 0.09;
+/// Standard deviations, of tolerance and error together, by which it must be off.
+const DEVIATIONS: f64 = 2.5;
+
+/// Coordinates of the body with a friction of `ratio` times the nominal one.
+pub(super) fn with(found: &body::Found, ratio: f64) -> Vec<f64> {
+    let mut theta = found.answer.last().theta.clone();
+    theta[B::Friction as usize] = ratio;
+    theta
+}
+
+/// Where a parabola through the costs `at` is least, and by how much less than at nought.
+fn least_of(at: &[(f64, f64)]) -> Option<(f64, f64)> {
+    let best = at.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let near: Vec<(f64, f64)> = at
+        .iter()
+        .copied()
+        .filter(|p| (p.0 - best.0).abs() < NEAR)
+        .collect();
+    let (mut a, mut b) = ([0.0; 9], [0.0; 3]);
+    for (x, y) in &near {
+        let row = [1.0, *x, x * x];
+        for i in 0..3 {
+            b[i] += row[i] * y;
+            (0..3).for_each(|j| a[3 * i + j] += row[i] * row[j]);
+        }
+    }
+    let p = least::solve(&a, &b);
+    let value = |x: f64| p[0] + p[1] * x + p[2] * x * x;
+    let ends = near
+        .iter()
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |e, n| {
+            [e[0].min(n.0), e[1].max(n.0)]
+        });
+    let x = if p[2] > 0.0 {
+        (-0.5 * p[1] / p[2]).clamp(ends[0], ends[1])
+    } else {
+        best.0
+    };
+    Some((x, value(0.0) - value(x)))
+}
+
+/// Puts the friction that motion and torques agree on in the place of the one found, or takes a ground friction out of `found` that they do not
+/// bear out. Returned is a friction that the motion alone did not show. `moments` are those of the joints under the loads of a body and its
+/// links.
+pub(super) fn settle(
+    found: &mut body::Found,
+    model: &Model,
+    moments: impl Fn((&Arc<Params>, &[LinkMap; JOINTS])) -> Vec<Moments>,
+) -> Option<Reading> {
+    let cost = |step: i32| {
+        let x = STEP * f64::from(step);
+        let theta = with(found, libm::exp(x));
+        let params = Arc::new(found.tier.params(&theta));
+        let all = moments((&params, &found.tier.links(&theta)));
+        let torques = (all.len() >= super::loads::JOINTLY)
+            .then(|| all.into_iter().sum::<Moments>().left())?;
+        let motion = least::cost(&found.tier.residuals(&theta)).max(1e-6);
+        Some((x, libm::log(motion) + libm::log(torques)))
+    };
+    let at: Vec<(f64, f64)> = STEPS.map(cost).collect::<Option<_>>()?;
+    let (x, gain) = least_of(&at)?;
+    let ratio = libm::exp(x);
+    let nominal = model.parameter(Key::Friction);
+    let spread = libm::hypot(nominal.tolerance / nominal.value, ERROR * ratio);
+    let off = (ratio - 1.0).abs() / spread;
+    let far = gain > GAIN && off > DEVIATIONS;
+    let answer = &mut found.answer;
+    let last = answer.last().clone();
+    let named = |of: &dyn Fn(Effect) -> bool| {
+        let mut members = last.members.iter();
+        members.position(|m| of(answer.candidates[*m].effect))
+    };
+    let own = named(&|e| e == Effect::GroundFriction);
+    let other = named(&|e| e.stage() == Stage::Body && e != Effect::GroundSlope);
+    if let (Some(at), false) = (own, far) {
+        let without = answer.removed_alone[at].0.clone();
+        answer.drop_member(at, without);
+        return None;
+    }
+    if !far || (own.is_none() && other.is_some()) {
+        return None;
+    }
+    let mut fit = last;
+    let friction = B::Friction as usize;
+    (fit.theta[friction], fit.spread[friction]) = (ratio, ERROR * ratio);
+    let residuals = found.tier.residuals(&fit.theta);
+    fit.cost = least::cost(&residuals);
+    fit.groups = least::group_costs(&residuals);
+    answer.steps.push(fit);
+    let value = nominal.value * ratio;
+    let estimate = exact(value, 1.96 * ERROR * value);
+    own.is_none()
+        .then(|| reading(Effect::GroundFriction, "coefficient", estimate, off * off))
+}
