@@ -168,9 +168,13 @@ impl Opened {
         Some((first["stage"].as_str()?, first["joint"].as_u64()))
     }
 
-    /// The first effect said, or where there is none, the first place of the gap.
+    /// The first effect said, or where there is none or something unknown, the first place of the gap.
     fn place(&self) -> (&str, Option<u64>) {
-        let place = self.said_at().or_else(|| self.seen_at());
+        let place = if self.word() == "unknown" {
+            self.seen_at()
+        } else {
+            self.said_at().or_else(|| self.seen_at())
+        };
         place.unwrap_or(("", None))
     }
 
