@@ -425,20 +425,7 @@ fn all(d: &Parts) -> Vec<Item> {
         out.extend(members(&c.answer, Place::Camera, |x| {
             estimates(&camera_parameters(x.effect), &x.free, last)
         }));
-        if let Some((p, deviation)) = c.tier.drops() {
-            let half = 1.96 * deviation;
-            let estimate = Estimate {
-                value: p,
-                ci95: [p - half, p + half],
-            };
-            out.push(Item {
-                parameters: BTreeMap::from([("probability".to_string(), estimate)]),
-                gain: (p / deviation.max(1e-6)).powi(2).min(1e3),
-                strength: p / deviation.max(1e-6) / 3.0,
-                place: Place::Direct,
-                ..convention(Effect::FrameDrop, None, "probability", p)
-            });
-        }
+        out.extend(c.tier.drops().map(frame_drop));
     }
     // What changes during a run is none of the library's.
     match d.body.as_ref().and_then(|b| b.changes) {
@@ -449,6 +436,22 @@ fn all(d: &Parts) -> Vec<Item> {
         None => {}
     }
     one_clock(out)
+}
+
+/// Frames that are missing with probability `p`, and its standard deviation.
+fn frame_drop((p, deviation): (f64, f64)) -> Item {
+    let half = 1.96 * deviation;
+    let estimate = Estimate {
+        value: p,
+        ci95: [p - half, p + half],
+    };
+    Item {
+        parameters: BTreeMap::from([("probability".to_string(), estimate)]),
+        gain: (p / deviation.max(1e-6)).powi(2).min(1e3),
+        strength: p / deviation.max(1e-6) / 3.0,
+        place: Place::Direct,
+        ..convention(Effect::FrameDrop, None, "probability", p)
+    }
 }
 
 fn convention(effect: Effect, joint: Option<usize>, key: &str, value: f64) -> Item {

@@ -87,6 +87,12 @@ pub(super) fn left_out(pairs: &[(Value, Value)]) -> Table {
             near.len(),
             "-",
         ),
+        row(
+            "first place of the gap in the right stage, otherwise",
+            share(&near, Opened::stage_seen),
+            near.len(),
+            "-",
+        ),
     ];
     let missed = far.iter().filter(|o| !unknown(o));
     Table::new(rows, missed.map(|o| o.told()).collect())
