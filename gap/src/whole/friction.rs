@@ -15,6 +15,7 @@ use super::least;
 use super::loads::{Moments, reading};
 use super::search::Evaluate;
 use super::windows::LinkMap;
+use crate::verdict::Estimate;
 use crate::vocabulary::{Effect, Stage};
 
 /// Frictions tried: logarithms of their ratios to the nominal one, in steps of this many from the lowest to the highest.
@@ -24,7 +25,7 @@ const STEPS: std::ops::RangeInclusive<i32> = -7..=4;
 const NEAR: f64 = 0.65;
 /// Least gain over the nominal friction, as a logarithm of both costs together: robots with other causes or none show up to 0.03, with a
 /// friction of 0.75 or less, or 1.3 or more, 0.09 and more (emulated robots, fifteen of the one and eight of the other).
-const GAIN: f64 = 0.05;
+const GAIN: f64 = 0.07;
 /// Relative error of the friction found: the same eight differ from the truth by 0.09, root mean square.
 const ERROR: f64 = 0.09;
 /// Standard deviations, of tolerance and error together, by which it must be off.
@@ -68,14 +69,22 @@ fn least_of(at: &[(f64, f64)]) -> Option<(f64, f64)> {
     Some((x, value(0.0) - value(x)))
 }
 
-/// Puts the friction that motion and torques agree on in the place of the one found, or takes a ground friction out of `found` that they do not
-/// bear out. Returned is a friction that the motion alone did not show. `moments` are those of the joints under the loads of a body and its
-/// links.
-pub(super) fn settle(
-    found: &mut body::Found,
+/// A friction that motion and torques agree on.
+struct Agreed {
+    /// Over the nominal one.
+    ratio: f64,
+    /// Standard deviations, of tolerance and error together, by which it is off.
+    off: f64,
+    /// Whether it is another one than the nominal.
+    far: bool,
+}
+
+/// Weighs frictions by what the windows and the joints' `moments` leave, the latter under the loads of a body and its links.
+fn agreed(
+    found: &body::Found,
     model: &Model,
     moments: impl Fn((&Arc<Params>, &[LinkMap; JOINTS])) -> Vec<Moments>,
-) -> Option<Reading> {
+) -> Option<Agreed> {
     let cost = |step: i32| {
         let x = STEP * f64::from(step);
         let theta = with(found, libm::exp(x));
@@ -92,32 +101,68 @@ pub(super) fn settle(
     let nominal = model.parameter(Key::Friction);
     let spread = libm::hypot(nominal.tolerance / nominal.value, ERROR * ratio);
     let off = (ratio - 1.0).abs() / spread;
-    let far = gain > GAIN && off > DEVIATIONS;
-    let answer = &mut found.answer;
-    let last = answer.last().clone();
-    let named = |of: &dyn Fn(Effect) -> bool| {
-        let mut members = last.members.iter();
-        members.position(|m| of(answer.candidates[*m].effect))
-    };
-    let own = named(&|e| e == Effect::GroundFriction);
-    let other = named(&|e| e.stage() == Stage::Body && e != Effect::GroundSlope);
-    if let (Some(at), false) = (own, far) {
-        let without = answer.removed_alone[at].0.clone();
-        answer.drop_member(at, without);
-        return None;
-    }
-    if !far || (own.is_none() && other.is_some()) {
-        return None;
-    }
-    let mut fit = last;
+    Some(Agreed {
+        ratio,
+        off,
+        far: gain > GAIN && off > DEVIATIONS,
+    })
+}
+
+/// Gives the body a friction of `ratio` times the nominal one.
+fn put(found: &mut body::Found, ratio: f64) {
+    let mut fit = found.answer.last().clone();
     let friction = B::Friction as usize;
     (fit.theta[friction], fit.spread[friction]) = (ratio, ERROR * ratio);
     let residuals = found.tier.residuals(&fit.theta);
     fit.cost = least::cost(&residuals);
     fit.groups = least::group_costs(&residuals);
-    answer.steps.push(fit);
-    let value = nominal.value * ratio;
-    let estimate = exact(value, 1.96 * ERROR * value);
-    own.is_none()
-        .then(|| reading(Effect::GroundFriction, "coefficient", estimate, off * off))
+    found.answer.steps.push(fit);
+}
+
+fn estimate(model: &Model, ratio: f64) -> Estimate {
+    let value = model.value(Key::Friction) * ratio;
+    exact(value, 1.96 * ERROR * value)
+}
+
+/// Puts the friction that motion and torques agree on in the place of the one found, or takes a ground friction out of `found` that they do
+/// not bear out. Returned are what they agree on, over the nominal friction, however near to it, and a friction that the motion alone did not show.
+pub(super) fn settle(
+    found: &mut body::Found,
+    model: &Model,
+    moments: impl Fn((&Arc<Params>, &[LinkMap; JOINTS])) -> Vec<Moments>,
+) -> (Option<f64>, Option<Reading>) {
+    let Some(a) = agreed(found, model, moments) else {
+        return (None, None);
+    };
+    let answer = &mut found.answer;
+    let named = |of: &dyn Fn(Effect) -> bool| {
+        let mut members = answer.last().members.iter();
+        members.position(|m| of(answer.candidates[*m].effect))
+    };
+    let own = named(&|e| e == Effect::GroundFriction);
+    let other = named(&|e| e.stage() == Stage::Body && e != Effect::GroundSlope);
+    if let (Some(at), false) = (own, a.far) {
+        let without = answer.removed_alone[at].0.clone();
+        answer.drop_member(at, without);
+        return (Some(a.ratio), None);
+    }
+    if !a.far || (own.is_none() && other.is_some()) {
+        return (Some(a.ratio), None);
+    }
+    put(found, a.ratio);
+    let key = "coefficient";
+    let estimate = estimate(model, a.ratio);
+    let read = reading(Effect::GroundFriction, key, estimate, a.off * a.off);
+    (Some(a.ratio), Some(read).filter(|_| own.is_none()))
+}
+
+/// The same friction once more, where one was settled and the joints' own frictions are known since.
+pub(super) fn again(
+    found: &mut body::Found,
+    model: &Model,
+    moments: impl Fn((&Arc<Params>, &[LinkMap; JOINTS])) -> Vec<Moments>,
+) -> Option<Estimate> {
+    let a = agreed(found, model, moments).filter(|a| a.far)?;
+    put(found, a.ratio);
+    Some(estimate(model, a.ratio))
 }

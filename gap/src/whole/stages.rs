@@ -19,6 +19,9 @@ use super::windows::{self, Window};
 use super::{Settings, Split, WholeError, body, camera, direct, film, friction, split};
 use crate::vocabulary::{Effect, Stage};
 
+/// Share of a mass's effect on the loads that must stay on the friction that fits best.
+const HALF: f64 = 0.5;
+
 /// What is asked.
 pub(super) struct Task<'a> {
     pub(super) manifest: &'a Manifest,
@@ -43,6 +46,8 @@ pub(super) struct Seen {
 /// Loads of all joints by run, and the windows that they were replayed in.
 pub(super) struct Loads {
     windows: Vec<Window>,
+    /// The friction that motion and torques agree on, over the nominal one.
+    agreed: Option<f64>,
     by_run: Vec<[Load; JOINTS]>,
 }
 
@@ -112,15 +117,17 @@ impl Task<'_> {
     /// Loads on the joints, from the body as it was found to be; the friction of its ground as motion and torques together have it.
     pub(super) fn loads(&self, seen: &mut Seen) -> Loads {
         let mut windows = windows::cut(&seen.data, 1.0, 0.9);
+        let mut agreed = None;
         if let Some(mut body) = seen.body.take() {
             if body.changes.is_none() {
-                let read = friction::settle(&mut body, self.model, |with| {
+                let (ratio, read) = friction::settle(&mut body, self.model, |with| {
                     let loads = loads::replay(&seen.data, &mut windows.clone(), with);
                     (0..JOINTS)
                         .filter_map(|k| self.tier(seen, k, &loads))
                         .filter_map(|tier| joints::moments(&tier, self.model, &seen.conventions))
                         .collect()
                 });
+                agreed = ratio;
                 seen.direct.extend(read);
             }
             seen.body = Some(body);
@@ -133,7 +140,11 @@ impl Task<'_> {
             None => (Arc::clone(&self.params), Default::default()),
         };
         let by_run = loads::weighed(&seen.data, &mut windows, (&params, &links));
-        Loads { windows, by_run }
+        Loads {
+            windows,
+            agreed,
+            by_run,
+        }
     }
 
     /// Every joint alone.
@@ -171,11 +182,30 @@ impl Task<'_> {
             .holds(|c| c.effect.stage() == Stage::Body && c.effect != Effect::GroundSlope)
             || seen.reads(Effect::GroundFriction);
         let mass = replay.mass().filter(|_| !other);
-        let found = seen.body.as_ref();
+        // On the friction that fits best, named or not, too.
+        let mass = mass.filter(|m| {
+            let (Some(b), Some(friction)) = (&seen.body, loads.agreed) else {
+                return true;
+            };
+            let there = replay.ratio(b, &mut loads.windows.clone(), friction);
+            (there - 1.0) / (m.estimate.value - 1.0) > HALF
+        });
         let filmed = seen.data.runs.iter().filter_map(|r| r.base.as_ref());
         let rough = filmed.into_iter().any(|b| b.filmed.is_some());
         let slips = seen.reads(Effect::GroundFriction)
             || seen.holds(|c| c.effect == Effect::GroundFriction);
+        let mut body = seen.body.take();
+        if let Some(b) = body.as_mut().filter(|_| slips) {
+            let again = friction::again(b, self.model, |with| {
+                replay.moments(&mut loads.windows.clone(), with)
+            });
+            let own = |r: &&mut direct::Reading| r.effect == Effect::GroundFriction;
+            if let Some((r, value)) = seen.direct.iter_mut().find(own).zip(again) {
+                r.estimate = value;
+            }
+        }
+        seen.body = body;
+        let found = seen.body.as_ref();
         let named = match &mass {
             Some(_) => Some(Effect::Mass),
             None => slips.then_some(Effect::GroundFriction),
