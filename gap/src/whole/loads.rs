@@ -169,8 +169,9 @@ impl Replay<'_> {
         } else {
             LOAD_ERROR_BLIND
         };
-        let error = libm::hypot(own * ratio, apart);
-        let least = MASS_DEVIATIONS * libm::hypot(tolerance, error);
+        // Whether a nominal robot shows such a ratio, and how well a ratio of another one is known.
+        let [null, error] = [own, own * ratio].map(|e| libm::hypot(e, apart));
+        let least = MASS_DEVIATIONS * libm::hypot(tolerance, null);
         let beyond = |r: &f64, share: f64| (r - 1.0) * (ratio - 1.0).signum() > share * least;
         let all_beyond = parts.iter().all(|r| beyond(r, WITHOUT));
         (beyond(&ratio, 1.0) && all_beyond).then(|| Reading {
@@ -178,7 +179,7 @@ impl Replay<'_> {
             joint: None,
             key: "ratio",
             estimate: exact(ratio, 1.96 * error),
-            gain: ((ratio - 1.0) / libm::hypot(tolerance, error)).powi(2),
+            gain: ((ratio - 1.0) / libm::hypot(tolerance, null)).powi(2),
         })
     }
 
