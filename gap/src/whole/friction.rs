@@ -126,9 +126,11 @@ fn estimate(model: &Model, ratio: f64) -> Estimate {
 
 /// Puts the friction that motion and torques agree on in the place of the one found, or takes a ground friction out of `found` that they do
 /// not bear out. Returned are what they agree on, over the nominal friction, however near to it, and a friction that the motion alone did not show.
+// On a film (`rough`) replayed loads are too rough to better a value that the windows found.
 pub(super) fn settle(
     found: &mut body::Found,
     model: &Model,
+    rough: bool,
     moments: impl Fn((&Arc<Params>, &[LinkMap; JOINTS])) -> Vec<Moments>,
 ) -> (Option<f64>, Option<Reading>) {
     let Some(a) = agreed(found, model, moments) else {
@@ -146,7 +148,7 @@ pub(super) fn settle(
         answer.drop_member(at, without);
         return (Some(a.ratio), None);
     }
-    if !a.far || (own.is_none() && other.is_some()) {
+    if !a.far || (own.is_none() && other.is_some()) || (own.is_some() && rough) {
         return (Some(a.ratio), None);
     }
     put(found, a.ratio);

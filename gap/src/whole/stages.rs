@@ -53,6 +53,12 @@ pub(super) struct Loads {
 }
 
 impl Seen {
+    /// Whether the base was read off a film.
+    fn filmed(&self) -> bool {
+        let mut bases = self.data.runs.iter().filter_map(|r| r.base.as_ref());
+        bases.any(|b| b.filmed.is_some())
+    }
+
     /// Whether `effect` was read off.
     fn reads(&self, effect: Effect) -> bool {
         self.direct.iter().any(|r| r.effect == effect)
@@ -121,13 +127,16 @@ impl Task<'_> {
         let mut agreed = None;
         if let Some(mut body) = seen.body.take() {
             if body.changes.is_none() {
-                let (ratio, read) = friction::settle(&mut body, self.model, |with| {
-                    let loads = loads::replay(&seen.data, &mut windows.clone(), with);
-                    (0..JOINTS)
-                        .filter_map(|k| self.tier(seen, k, &loads))
-                        .filter_map(|tier| joints::moments(&tier, self.model, &seen.conventions))
-                        .collect()
-                });
+                let (ratio, read) =
+                    friction::settle(&mut body, self.model, seen.filmed(), |with| {
+                        let loads = loads::replay(&seen.data, &mut windows.clone(), with);
+                        (0..JOINTS)
+                            .filter_map(|k| self.tier(seen, k, &loads))
+                            .filter_map(|tier| {
+                                joints::moments(&tier, self.model, &seen.conventions)
+                            })
+                            .collect()
+                    });
                 agreed = ratio;
                 seen.direct.extend(read);
             }
@@ -191,12 +200,11 @@ impl Task<'_> {
             let there = replay.ratio(b, &mut loads.windows.clone(), friction);
             (there - 1.0) / (m.estimate.value - 1.0) > STAYS
         });
-        let filmed = seen.data.runs.iter().filter_map(|r| r.base.as_ref());
-        let rough = filmed.into_iter().any(|b| b.filmed.is_some());
+        let rough = seen.filmed();
         let slips = seen.reads(Effect::GroundFriction)
             || seen.holds(|c| c.effect == Effect::GroundFriction);
         let mut body = seen.body.take();
-        if let Some(b) = body.as_mut().filter(|_| slips) {
+        if let Some(b) = body.as_mut().filter(|_| slips && !rough) {
             let again = friction::again(b, self.model, |with| {
                 replay.moments(&mut loads.windows.clone(), with)
             });
