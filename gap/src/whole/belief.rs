@@ -1,8 +1,8 @@
 //! What to believe: the word of the verdict, and probabilities that sum to one.
 //!
 //! Every probability rests on how far its evidence stands from the threshold that it passed or missed, through logistic curves. Their
-//! constants are chosen after counts on development suites (emulated robots): near a threshold four of five answers are right, far from it
-//! nearly all, and of 45 robots without a cause 44 were called so.
+//! constants are chosen, not fitted: near a threshold four of five answers are right, far from it nearly all. What a sealed suite makes of
+//! them is its calibration error (docs/diagnosis-data.md).
 
 use super::answer::REMAINDER;
 use super::found::{self, Item};

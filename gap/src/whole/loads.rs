@@ -174,13 +174,9 @@ impl Replay<'_> {
         let least = MASS_DEVIATIONS * libm::hypot(tolerance, null);
         let beyond = |r: &f64, share: f64| (r - 1.0) * (ratio - 1.0).signum() > share * least;
         let all_beyond = parts.iter().all(|r| beyond(r, WITHOUT));
-        (beyond(&ratio, 1.0) && all_beyond).then(|| Reading {
-            effect: Effect::Mass,
-            joint: None,
-            key: "ratio",
-            estimate: exact(ratio, 1.96 * error),
-            gain: ((ratio - 1.0) / libm::hypot(tolerance, null)).powi(2),
-        })
+        let gain = ((ratio - 1.0) / libm::hypot(tolerance, null)).powi(2);
+        let estimate = exact(ratio, 1.96 * error);
+        (beyond(&ratio, 1.0) && all_beyond).then(|| reading(Effect::Mass, "ratio", estimate, gain))
     }
 
     /// What would make the loads as large as what is named, where that is the one of mass and ground friction: the other one.
