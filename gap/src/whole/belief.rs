@@ -96,6 +96,7 @@ fn answers(d: &Parts) -> impl Iterator<Item = &search::Answer> {
 fn odd(d: &Parts) -> f64 {
     let broken = d.conventions.echo.iter().any(|e| e.odd) || !found::nameless(d).is_empty();
     let unsteady = d.body.as_ref().is_some_and(|b| b.changes.is_some());
+    let off = d.body.as_ref().map_or(0.0, |b| b.off);
     let laws = d
         .joints
         .iter()
@@ -104,6 +105,7 @@ fn odd(d: &Parts) -> f64 {
     let flags = [
         if broken { BROKEN } else { 0.0 },
         if unsteady { UNSTEADY } else { 0.0 },
+        if off > 1.0 { off } else { 0.0 },
     ];
     laws.chain(flags).fold(0.0, f64::max)
 }

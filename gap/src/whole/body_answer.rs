@@ -31,9 +31,18 @@ pub(super) struct Found {
     pub(super) answer: Answer,
     /// What is another one late in a run than early.
     pub(super) changes: Option<Change>,
+    /// Tolerances by which half the windows end off at least, over the most that contacts of another engine make of it.
+    pub(super) off: f64,
 }
 
-/// Cost below which the windows fit: no order of joints is wrong, and no offset large.
+/// Tolerances by which half the windows end off at most on contacts that differ: 0.7 to 1.1 on robots without a cause that another engine
+/// played, 0.5 on emulated ones; 1.5 beside a centre of mass that must not be named.
+const OFF: f64 = 1.25;
+
+/// Cost below which no order of joints is wrong, and no sign: robots without a cause show up to 1.7 (emulated robots), turned end cubes
+/// alone 3.5.
+const RIGHT: f64 = 1.6;
+/// Cost below which no offset is large.
 const WRONG: f64 = 4.0;
 
 /// Order and signs that only the body shows: recorded and commanded in one convention, turned in another.
@@ -42,7 +51,7 @@ fn conventions(tier: &mut Tier, theta: &[f64]) {
     let mut now = cost(tier);
     const BETTER: f64 = 0.6;
     for _ in 0..JOINTS {
-        if now < WRONG {
+        if now < RIGHT {
             return;
         }
         let (maps, order) = (tier.maps, tier.order);
@@ -130,8 +139,10 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
     };
     let moved: Vec<usize> = answer.last().members.iter().filter_map(offset).collect();
     let changes = tier.changes(&answer.last().theta, &moved);
+    let ends_m = math::median(&tier.ends_m(&answer.last().theta));
     Found {
         changes,
+        off: ends_m / tier.tolerance_m().max(1e-9) / OFF,
         answer,
         tier,
     }

@@ -7,6 +7,20 @@ use super::data::JOINTS;
 use super::search::{Candidate, Coordinate};
 use crate::vocabulary::Effect;
 
+/// Shift of a body's centre of mass within the tolerances of `model`, m: its two half-spheres lie half an edge away from the middle.
+fn shift_m(model: &Model) -> f64 {
+    let mass = model.parameter(Key::Mass1);
+    0.5 * model.value(Key::Cube) * mass.tolerance / mass.value / 2.0_f64.sqrt()
+}
+
+/// Shift of body 3 that moves the robot's centre of mass as all half-spheres together do within the tolerances of `model`, m along each
+/// axis: eight that lie 1.12 edges from the middle, root mean square of the stretched chain; body 3 is a quarter of the robot.
+pub(super) fn apart_m(model: &Model) -> f64 {
+    let mass = model.parameter(Key::Mass1);
+    let all = mass.tolerance / mass.value / 8.0_f64.sqrt();
+    4.0 * all * 1.12 * model.value(Key::Cube) / 3.0_f64.sqrt()
+}
+
 /// The coordinates of the body with the tolerances of `model` as priors.
 pub(super) fn coordinates(model: &Model) -> Vec<Coordinate> {
     let tolerance = |k: Key| model.parameter(k).tolerance;
@@ -60,8 +74,7 @@ pub(super) fn coordinates(model: &Model) -> Vec<Coordinate> {
     set(B::Pitch, c(0.0, 0.0, 0.01, [-1.0, 1.0]));
     set(B::GroundGive, c(0.0, 0.0, 3e-5, [0.0, 0.1]));
     set(B::GroundDamping, c(50.0, 0.0, 20.0, [1.0, 1e5]));
-    // Two half-spheres half an edge away from the middle that differ within their tolerances shift the centre by this much.
-    let shift = 0.5 * model.value(Key::Cube) * mass.tolerance / mass.value / 2.0_f64.sqrt();
+    let shift = shift_m(model);
     for b in [B::ComX, B::ComY, B::ComZ] {
         set(b, c(0.0, shift, 0.005, [-0.3, 0.3]));
     }

@@ -85,6 +85,8 @@ const NEIGHBOURS: usize = 8;
 const ONE_CLOCK: usize = 3;
 /// Share of set-points that come in another row than a constant delay says, up to which delays count as one.
 const STRAY: f64 = 0.004;
+/// Least set-points in another row than a constant delay says that may be the tail of a jitter.
+const TAIL: f64 = 4.0;
 /// Delays that are told apart within a row.
 const GRAINS: f64 = 20.0;
 /// Resolution of printed times, s.
@@ -225,6 +227,14 @@ fn reading(
     }
 }
 
+/// Set-points that do not all take the same time.
+struct Spread {
+    /// Share that no row can have seen.
+    unseen: f64,
+    /// No jitter that is known looks like it.
+    odd: bool,
+}
+
 /// The best of constant delays.
 struct Constant {
     /// Arrivals that it does not explain.
@@ -333,15 +343,8 @@ impl Address {
         }
     }
 
-    /// Loss and jitter of `joint`, and what the joint needs to know.
-    fn judge(&self, joint: usize, slope: f64, withheld: &[Effect], out: &mut Vec<Reading>) -> Echo {
-        let (rows, lost) = self.rows(slope);
-        let arrived: f64 = rows.iter().sum();
-        let mut echo = Echo {
-            skew: 1.0 / (1.0 + slope),
-            step_rad: self.step_rad,
-            ..Echo::NEUTRAL
-        };
+    /// The step that set-points of `joint` are rounded to, where they are.
+    fn rounding(&self, joint: usize, out: &mut Vec<Reading>) {
         if self.step_rad > 0.0 {
             out.push(reading(
                 Effect::Quantisation,
@@ -352,6 +355,63 @@ impl Address {
                 (self.step_rad / LEAST_STEP_RAD).powi(2),
             ));
         }
+    }
+
+    /// Jitter of `joint` and the delay beside it, where arrivals by rows, and the number `lost`, are not those of a constant delay.
+    fn spread(
+        &self,
+        joint: usize,
+        slope: f64,
+        constant: &Constant,
+        (rows, lost): (&[f64; BINS], f64),
+        out: &mut Vec<Reading>,
+    ) -> Option<Spread> {
+        let arrived: f64 = rows.iter().sum();
+        // Where the clock drifts, rows are met at every phase, and a few at the very edge.
+        let few = if slope == 0.0 { STRAY } else { 5.0 * STRAY };
+        let wide = constant.stray > (few * arrived).max(8.0);
+        // A few late ones are the tail of a jitter that mostly hides within a row.
+        let tail = slope == 0.0 && constant.stray >= TAIL && constant.late_s[1] > 0.0;
+        if !wide && !tail {
+            return None;
+        }
+        let (sigma, delay, played, gain) = jitter(rows, lost, self.spacing_s, self.row_s);
+        let clear = sigma > 0.0 && gain > CLEAR;
+        if !wide && !clear {
+            return None;
+        }
+        if clear {
+            let half = 1.96 * sigma / (2.0 * arrived).sqrt() + 0.03 * sigma;
+            let (effect, key) = (Effect::Jitter, "sigma_s");
+            out.push(reading(effect, Some(joint), key, sigma, half, gain));
+        }
+        if delay > 0.0 {
+            let error = 0.3 * self.row_s;
+            out.push(reading(
+                Effect::Latency,
+                Some(joint),
+                "delay_s",
+                delay,
+                error,
+                (delay / error).powi(2),
+            ));
+        }
+        Some(Spread {
+            unseen: played.unseen,
+            odd: !clear,
+        })
+    }
+
+    /// Loss and jitter of `joint`, and what the joint needs to know.
+    fn judge(&self, joint: usize, slope: f64, withheld: &[Effect], out: &mut Vec<Reading>) -> Echo {
+        let (rows, lost) = self.rows(slope);
+        let arrived: f64 = rows.iter().sum();
+        let mut echo = Echo {
+            skew: 1.0 / (1.0 + slope),
+            step_rad: self.step_rad,
+            ..Echo::NEUTRAL
+        };
+        self.rounding(joint, out);
         if self.sent() < LEAST_SENT {
             return echo;
         }
@@ -364,37 +424,10 @@ impl Address {
             };
         }
         let constant = self.constant(slope);
-        // Where the clock drifts, rows are met at every phase, and a few at the very edge.
-        let few = if slope == 0.0 { STRAY } else { 5.0 * STRAY };
-        let spread = constant.stray > (few * arrived).max(8.0);
-        let mut unseen = 0.0;
-        if spread {
-            let (sigma, delay, played, gain) = jitter(&rows, lost, self.spacing_s, self.row_s);
-            unseen = played.unseen;
-            let half = 1.96 * sigma / (2.0 * arrived).sqrt() + 0.03 * sigma;
-            if sigma > 0.0 && gain > CLEAR {
-                out.push(reading(
-                    Effect::Jitter,
-                    Some(joint),
-                    "sigma_s",
-                    sigma,
-                    half,
-                    gain,
-                ));
-            } else {
-                echo.odd = true;
-            }
-            if delay > 0.0 {
-                out.push(reading(
-                    Effect::Latency,
-                    Some(joint),
-                    "delay_s",
-                    delay,
-                    0.3 * self.row_s,
-                    (delay / (0.3 * self.row_s)).powi(2),
-                ));
-            }
-            echo.odd |= withheld.contains(&Effect::Jitter);
+        let spread = self.spread(joint, slope, &constant, (&rows, lost), out);
+        let unseen = spread.as_ref().map_or(0.0, |s| s.unseen);
+        if let Some(s) = &spread {
+            echo.odd = s.odd || withheld.contains(&Effect::Jitter);
         }
         let loss = 1.0 - arrived / self.sent() / (1.0 - unseen);
         let error = (loss.abs().max(0.01) / self.sent()).sqrt() + 0.2 * unseen;
@@ -409,7 +442,7 @@ impl Address {
             ));
             echo.odd |= withheld.contains(&Effect::PacketLoss);
         }
-        echo.uneven = spread || lost > LEAST_LOSS * self.sent();
+        echo.uneven = spread.is_some() || lost > LEAST_LOSS * self.sent();
         if withheld.contains(&Effect::Latency) && constant.late_s[0] > 0.0 {
             // Late for no reason that may be named: the joint is judged by what reached it.
             (echo.uneven, echo.odd) = (true, true);

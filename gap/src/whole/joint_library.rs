@@ -140,14 +140,12 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
     let n = tier.nominal;
     let slope = conventions.slope[k].unwrap_or(1.0);
     let offset = conventions.offset_rad[k];
-    let speed = math::median(
-        &tier
-            .runs
-            .iter()
-            .map(JointRun::busy_rad_s)
-            .collect::<Vec<_>>(),
-    );
-    let fraction = (speed / n.max_speed_rad_s).clamp(0.05, 1.0);
+    let typical = |of: fn(&JointRun) -> f64| {
+        let all: Vec<f64> = tier.runs.iter().map(of).collect();
+        math::median(&all)
+    };
+    let [speed, moved] = [JointRun::busy_rad_s, JointRun::moved_rad_s].map(typical);
+    let [fraction, reached] = [speed, moved].map(|v| (v / n.max_speed_rad_s).clamp(0.05, 1.0));
     let mut out = vec![
         one(Effect::JointScale, k, J::Scale, &[slope, 0.95, 1.05]),
         one(Effect::JointOffset, k, J::Offset, &[offset, 0.02, -0.02]),
@@ -158,13 +156,13 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
             Effect::VelocityLimit,
             k,
             J::MaxSpeed,
-            &[0.9 * fraction, 0.7 * fraction, 0.4 * fraction, 1.5],
+            &[0.9 * fraction, 0.7 * fraction, 0.4 * fraction, reached, 1.5],
         ),
         one(
             Effect::VelocityLimit,
             k,
             J::Slew,
-            &[0.9 * speed, 0.6 * speed, 0.3 * speed],
+            &[0.9 * speed, 0.6 * speed, 0.3 * speed, moved],
         ),
         one(
             Effect::FeedbackDelay,

@@ -43,7 +43,8 @@ fn falls(d: &Parts) -> Vec<Fall> {
             Some(Change::Zero(k)) => (Stage::Conventions, Some(k)),
             _ => own,
         };
-        (own, &b.answer, rest, [b.changes.is_some(), false])
+        let odd = b.changes.is_some() || b.off > 1.0;
+        (own, &b.answer, rest, [odd, false])
     });
     let camera = d.camera.iter().map(|c| {
         let own = (Stage::Camera, None);

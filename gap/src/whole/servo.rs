@@ -266,6 +266,16 @@ impl JointRun {
         crate::math::quantile(&v, 0.95)
     }
 
+    /// Largest measured speed over 0.1 s, rad/s (95 % quantile): that of a joint at its limit.
+    pub(super) fn moved_rad_s(&self) -> f64 {
+        const APART: usize = (0.1 / STEP_S) as usize;
+        let ends = self.path.iter().zip(self.path.iter().skip(APART));
+        let v: Vec<f64> = ends
+            .map(|(a, b)| (b - a).abs() / (APART as f64 * STEP_S))
+            .collect();
+        crate::math::quantile(&v, 0.95)
+    }
+
     /// Measured torque, simulated torque and replayed load at every torque sample, N m.
     pub(super) fn loads<'a>(
         &'a self,
