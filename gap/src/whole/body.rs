@@ -427,6 +427,37 @@ impl Tier {
             .collect()
     }
 
+    /// Errors of window `w` in units of their tolerances.
+    fn errors_of(&self, w: usize, o: &Outcome) -> Vec<f64> {
+        let mut errors = Vec::with_capacity(NUMBERS);
+        for (i, t) in self.targets[w].iter().enumerate() {
+            if let Some((p, q)) = simulated(o, i).filter(|_| o.not_finite.is_none()) {
+                errors.extend((0..3).map(|k| p[k] - t.pose.0[k]));
+                errors.extend(turn::between(t.pose.1, q));
+            }
+        }
+        if errors.len() == NUMBERS {
+            super::least::whiten(&self.factors[w], &mut errors);
+            temper(&mut errors);
+        } else {
+            // A simulation that broke down is as wrong as can be.
+            errors = vec![10.0; NUMBERS];
+        }
+        errors
+    }
+
+    /// Mean square of the errors of every `thin`-th window.
+    pub(super) fn glance(&self, theta: &[f64], thin: usize) -> f64 {
+        let trials: Vec<Trial> = self.trials(theta).into_iter().step_by(thin).collect();
+        let outcomes = windows::run(&trials, &windows::options(false));
+        let seen = (0..self.windows.len()).step_by(thin).zip(&outcomes);
+        let squares: Vec<f64> = seen
+            .flat_map(|(w, o)| self.errors_of(w, o))
+            .map(|x| x * x)
+            .collect();
+        math::mean(&squares)
+    }
+
     /// Position error at the end of every window, m.
     pub(super) fn ends_m(&self, theta: &[f64]) -> Vec<f64> {
         let outcomes = windows::run(&self.trials(theta), &windows::options(false));
@@ -525,23 +556,8 @@ impl Evaluate for Tier {
     fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>> {
         let outcomes = windows::run(&self.trials(theta), &windows::options(false));
         let mut out = vec![Vec::new(); self.groups];
-        let compared = outcomes.iter().zip(&self.targets).zip(&self.factors);
-        for (((o, targets), factor), g) in compared.zip(&self.group) {
-            let mut errors = Vec::with_capacity(NUMBERS);
-            for (i, t) in targets.iter().enumerate() {
-                if let Some((p, q)) = simulated(o, i).filter(|_| o.not_finite.is_none()) {
-                    errors.extend((0..3).map(|k| p[k] - t.pose.0[k]));
-                    errors.extend(turn::between(t.pose.1, q));
-                }
-            }
-            if errors.len() == NUMBERS {
-                super::least::whiten(factor, &mut errors);
-                temper(&mut errors);
-                out[*g].extend(errors);
-            } else {
-                // A simulation that broke down is as wrong as can be.
-                out[*g].extend([10.0; NUMBERS]);
-            }
+        for (w, (o, g)) in outcomes.iter().zip(&self.group).enumerate() {
+            out[*g].extend(self.errors_of(w, o));
         }
         out
     }

@@ -45,19 +45,44 @@ const RIGHT: f64 = 1.6;
 /// Cost below which no offset is large.
 const WRONG: f64 = 4.0;
 
+/// What a cost must fall to for another order or other signs to be taken: a robot whose joints are right gains nothing by turning one round
+/// that matters, and little by one that hardly does.
+const BETTER: f64 = 0.6;
+/// Least fall of the cost on the way there: of three joints in a ring the first exchange puts one right.
+const STEP: f64 = 0.97;
+/// Of windows, one in so many is enough to see the right one of all orders.
+const THIN: usize = 4;
+
 /// Order and signs that only the body shows: recorded and commanded in one convention, turned in another.
 fn conventions(tier: &mut Tier, theta: &[f64]) {
+    let told = (tier.maps, tier.order);
+    let first = super::least::cost(&tier.residuals(theta));
+    if first < RIGHT {
+        return;
+    }
+    let mut last = descend(tier, theta, first);
+    if last > BETTER * first && first > WRONG {
+        // From far away exchanges lead nowhere.
+        (tier.maps, tier.order) = told;
+        tier.order = best_order(tier, theta);
+        let now = super::least::cost(&tier.residuals(theta));
+        last = descend(tier, theta, now);
+    }
+    if last > BETTER * first {
+        (tier.maps, tier.order) = told;
+    }
+}
+
+/// Turns and exchanges joints as long as the cost falls; returns the cost.
+fn descend(tier: &mut Tier, theta: &[f64], mut now: f64) -> f64 {
     let cost = |tier: &Tier| super::least::cost(&tier.residuals(theta));
-    let mut now = cost(tier);
-    const BETTER: f64 = 0.6;
-    for _ in 0..JOINTS {
+    for _ in 0..2 * JOINTS {
         if now < RIGHT {
-            return;
+            break;
         }
         let (maps, order) = (tier.maps, tier.order);
         let mut best = (now, maps, order);
         for a in 0..JOINTS {
-            tier.maps = maps;
             tier.maps[a].ratio = -maps[a].ratio;
             let c = cost(tier);
             if c < best.0 {
@@ -65,20 +90,50 @@ fn conventions(tier: &mut Tier, theta: &[f64]) {
             }
             tier.maps = maps;
             for b in a + 1..JOINTS {
-                tier.order = order;
                 tier.order.swap(a, b);
                 let c = cost(tier);
                 if c < best.0 {
                     best = (c, maps, tier.order);
                 }
+                tier.order = order;
             }
-            tier.order = order;
         }
-        if best.0 > BETTER * now {
-            return;
+        if best.0 > STEP * now {
+            break;
         }
         (now, tier.maps, tier.order) = best;
     }
+    now
+}
+
+/// Of all orders the one with the least cost on some of the windows.
+fn best_order(tier: &mut Tier, theta: &[f64]) -> [usize; JOINTS] {
+    let mut best = (f64::INFINITY, tier.order);
+    for order in orders() {
+        tier.order = order;
+        let cost = tier.glance(theta, THIN);
+        if cost < best.0 {
+            best = (cost, order);
+        }
+    }
+    best.1
+}
+
+/// All orders of the joints.
+fn orders() -> Vec<[usize; JOINTS]> {
+    let all = 1..=JOINTS;
+    (0..all.product::<usize>())
+        .map(|index| {
+            let mut left: Vec<usize> = (0..JOINTS).collect();
+            let mut rest = index;
+            std::array::from_fn(|_| {
+                let n = left.len();
+                let at = rest % n;
+                rest /= n;
+                left.remove(at)
+            })
+        })
+        .collect()
 }
 
 /// Diagnoses the body.
@@ -258,4 +313,23 @@ fn worth(tier: &Tier, answer: &Answer, nominal: &[f64]) -> bool {
     };
     before - after >= CALIBRATED * (before - answer.limits.floor).max(0.0)
         && end(&answer.steps[0].theta) <= end(nominal)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_order_is_tried_once() {
+        let mut all = orders();
+        let sorted = |o: &[usize; JOINTS]| {
+            let mut o = *o;
+            o.sort_unstable();
+            o
+        };
+        assert!(all.iter().all(|o| sorted(o) == std::array::from_fn(|k| k)));
+        all.sort_unstable();
+        all.dedup();
+        assert_eq!(all.len(), 720);
+    }
 }

@@ -565,6 +565,41 @@ pub(super) fn read(
 mod tests {
     use super::*;
 
+    /// Set-points every 50 ms, seen in rows of 25 ms after delays that `delay_s` gives.
+    fn address(delay_s: &mut dyn FnMut() -> f64) -> Address {
+        let row_s = 0.025;
+        let one = |i: u32| {
+            let sent = 0.05 * f64::from(i);
+            let seen = ((sent + delay_s()) / row_s - 1e-6).ceil() * row_s;
+            (sent, Some(seen - sent))
+        };
+        Address {
+            step_rad: 0.0,
+            row_s,
+            spacing_s: 0.05,
+            length_s: 200.0,
+            runs: vec![(0..4000).map(one).collect()],
+        }
+    }
+
+    #[test]
+    fn a_jitter_that_mostly_hides_within_a_row_shows_by_its_tail() {
+        let mut rng = math::Rng::new(5);
+        let mut out = Vec::new();
+        let jitters = address(&mut || 0.009 * rng.normal().abs());
+        let echo = jitters.judge(2, 0.0, &[], &mut out);
+        let said = out.iter().map(|r| (r.effect, r.joint)).collect::<Vec<_>>();
+        assert_eq!(said, [(Effect::Jitter, Some(2))]);
+        let sigma_s = out[0].estimate.value;
+        assert!((sigma_s / 0.009 - 1.0).abs() < 0.1, "{sigma_s}");
+        assert!(echo.uneven && !echo.odd);
+        for delay_s in [0.0, 0.006, 0.0249, 0.031] {
+            out.clear();
+            let echo = address(&mut || delay_s).judge(2, 0.0, &[], &mut out);
+            assert!(out.is_empty() && !echo.uneven, "{delay_s} {out:?}");
+        }
+    }
+
     #[test]
     fn a_grid_is_found_with_its_step_and_nothing_else_is_one() {
         let track = |f: &dyn Fn(f64) -> f64| Track {

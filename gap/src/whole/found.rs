@@ -461,6 +461,13 @@ fn all(d: &Parts) -> Vec<Item> {
         }
         None => {}
     }
+    // What the body shows of a joint too stands there, larger.
+    let on_body: Vec<(Effect, Option<usize>)> = out
+        .iter()
+        .filter(|i| matches!(i.place, Place::Body(_)))
+        .map(|i| (i.effect, i.joint))
+        .collect();
+    out.retain(|i| !matches!(i.place, Place::Joint(..)) || !on_body.contains(&(i.effect, i.joint)));
     one_clock(out)
 }
 

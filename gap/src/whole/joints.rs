@@ -509,7 +509,10 @@ pub(super) fn diagnose(
     };
     let base = search.fit(&base.theta, &[], 3);
     let sure = late(&search, &base, conventions.echo[tier.joint].late_s);
-    let answer = search.answer_with(base, nominal, sure);
+    let mut answer = search.answer_with(base, nominal, sure);
+    if let Some((at, without)) = doubted(&answer, &coordinates) {
+        answer.drop_member(at, without);
+    }
     let answer = limited(answer, &tier);
     let (base, last) = (&answer.steps[0].theta, &answer.last().theta);
     let named = !answer.last().members.is_empty();
@@ -548,6 +551,18 @@ pub(super) fn mark(found: &mut [Found]) {
             (f.odd, f.astray, f.rest) = (true, true, f.gap);
         }
     }
+}
+
+/// The first effect whose interval holds the value at which it is none, by its place among those found, and the fit without it.
+fn doubted(answer: &Answer, coordinates: &[Coordinate]) -> Option<(usize, Fit)> {
+    let last = answer.last();
+    let none = |i: &usize| {
+        let off = (last.theta[*i] - coordinates[*i].neutral).abs();
+        off <= 1.96 * last.spread[*i]
+    };
+    let doubted = |m: &usize| answer.candidates[*m].free.iter().all(none);
+    let at = last.members.iter().position(doubted)?;
+    Some((at, answer.removed_alone[at].0.clone()))
 }
 
 /// A torque limit that was found, as the measured torque itself shows it: what a joint does beyond its limit hangs on its surroundings, which
