@@ -262,8 +262,8 @@ fn in_common(repeats: &[&[f64]]) -> f64 {
     let n = repeats.len() as f64;
     let rows = repeats.iter().map(|r| r.len()).min().unwrap_or(0);
     let product = |i: usize| {
-        let (sum, squares) = (repeats.iter().map(|r| r[i]))
-            .fold((0.0, 0.0), |(s, q), r| (s + r, q + r * r));
+        let (sum, squares) =
+            (repeats.iter().map(|r| r[i])).fold((0.0, 0.0), |(s, q), r| (s + r, q + r * r));
         (sum * sum - squares) / (n * (n - 1.0))
     };
     let finite: Vec<f64> = (0..rows).map(product).filter(|p| p.is_finite()).collect();

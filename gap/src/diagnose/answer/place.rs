@@ -3,12 +3,12 @@
 use super::word::{REMAINDER, remainder};
 use crate::candidates;
 use crate::diagnose::{Diagnosis, Settings};
-use crate::joint::{Channel, Trace, simulate};
-use crate::verdict::Where;
+use crate::joint::{Channel, P, Trace, simulate};
+use crate::verdict::{Where, Word};
 use crate::vocabulary::{Effect, Stage};
 use crate::{interface, locate};
 
-pub(super) fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
+pub(super) fn places(d: &Diagnosis, word: Word, settings: &Settings) -> Vec<Where> {
     let floor = if d.floor.repeat.is_some() {
         d.floor.of(0)
     } else {
@@ -42,7 +42,7 @@ pub(super) fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
         .collect();
     if remainder(d, settings) > REMAINDER {
         let before = before_driver(d);
-        if !measured_places(d, &mut rows, regime, settings) && d.selection.found.is_empty() {
+        if !measured_places(d, &mut rows, regime, word, settings) && d.selection.found.is_empty() {
             suspect(d, &mut rows, regime, before);
         }
         if let Some(Some(stage)) = before {
@@ -54,14 +54,19 @@ pub(super) fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
 }
 
 /// Places what nothing explains by the laws that the measured signals break (see [`crate::interface`]). With nothing found the
-/// calibration only bends to what it cannot explain, and the whole gap is placed so. `false` where the signals cannot tell.
+/// calibration only bends to what it cannot explain, and the whole gap is placed so; where the word is unknown the effects found
+/// only imitate it too. A zero between mechanics and encoder is an exception: no law of a stage shows it. `false` where the
+/// signals cannot tell.
 fn measured_places(
     d: &Diagnosis,
     rows: &mut Vec<Where>,
     regime: &str,
+    word: Word,
     settings: &Settings,
 ) -> bool {
-    let bare = d.selection.found.is_empty();
+    let mut moved = d.selection.found.iter().flat_map(|f| &f.candidate.free);
+    let zero = moved.any(|f| f.p == P::MechOffset);
+    let bare = d.selection.found.is_empty() || (word == Word::Unknown && !zero);
     let model = if bare {
         &d.nominal
     } else {
