@@ -393,7 +393,7 @@ fn taken_off(displaced: &[Displaced]) -> String {
     match displaced {
         [] => String::new(),
         some => format!(
-            " It holds only with stated values taken off by more than their tolerances: {}.",
+            " Calibration took stated values off by more than their tolerances: {}.",
             listed(&some.iter().map(one).collect::<Vec<_>>())
         ),
     }
