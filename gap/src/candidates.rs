@@ -11,7 +11,7 @@ use crate::math;
 use crate::vocabulary::Effect;
 
 pub use irregular::{Irregular, irregular};
-pub use nominal::{nominal, pull};
+pub use nominal::{base_effect, nominal, pull};
 
 /// An effect as the fit tries it.
 #[derive(Debug, Clone, PartialEq)]

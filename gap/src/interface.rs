@@ -4,21 +4,34 @@
 //! The same is done with a play of the model, sampled at the same instants: what sampling and smoothing do to a residual
 //! is alike in both and goes away in the difference. All residuals are in parts of the full duty, the unit in which the
 //! stages of a position servo can be compared: what the loop must put out to make up for them.
+//!
+//! Where runs were repeated, only what the repeats have in common counts: noise and disturbances differ between them, so the
+//! product of their residuals has no share of these. A loop that swings by itself swings in another phase every time; there
+//! the whole residual counts.
 
 use files::dataset::Output;
 
 use crate::candidates::{effort_per_ampere, measured};
 use crate::joint::data::RunData;
+use crate::joint::merge::alike;
+use crate::joint::swing::swings;
 use crate::joint::{Channel, Params, Problem, Trace, simulate};
 use crate::locate::Share;
 use crate::math;
 use crate::vocabulary::Stage;
 
-/// Rows to each side of the local parabola that gives speed and acceleration.
-const HALF: usize = 3;
-
-/// Rows over which residuals are averaged to each side: one set-point period of the robot in rows of 100 Hz.
+/// Rows over which the residuals of one run are averaged to each side: one set-point period of the robot in rows of 100 Hz.
 const SMOOTH: usize = 2;
+
+/// The same where repeats tell what is noise: less, for a loop that sees its encoder late rings at tens of hertz.
+const SMOOTH_REPEATED: usize = 1;
+
+/// Tolerances beyond which a constant does not move to make a law hold: what is left then is a gap (as `select::PULL`).
+const BORDER: f64 = 3.0;
+
+/// Turns of the position that count as swings, in parts of the range of the motion: above the noise of an encoder, below the
+/// swings of a loop that saturates.
+const SWING: f64 = 0.005;
 
 /// What a stage's law leaves, and the columns by which its constants may move within their tolerances.
 struct Residual {
@@ -27,35 +40,28 @@ struct Residual {
     columns: Vec<(Vec<f64>, f64)>,
 }
 
-/// Value, slope and curvature of the parabola through `2 HALF + 1` equally spaced values.
-fn parabola(y: &[f64], dt_s: f64) -> Vec<[f64; 3]> {
-    let h = HALF as f64;
-    let n = 2.0 * h + 1.0;
-    let s2: f64 = (1..=HALF).map(|k| 2.0 * (k * k) as f64).sum();
-    let s4: f64 = (1..=HALF).map(|k| 2.0 * ((k * k) as f64).powi(2)).sum();
+/// Value, slope and curvature at every row, by differences of fourth order over five equally spaced rows: short, so that a swing
+/// of ten rows keeps its size beside the signals that are not differentiated.
+fn motion(y: &[f64], dt_s: f64) -> Vec<[f64; 3]> {
     let last = y.len().saturating_sub(1);
+    let at = |i: usize, k: usize| y[(i + k).saturating_sub(2).min(last)];
     (0..y.len())
         .map(|i| {
-            let (mut sum, mut first, mut second) = (0.0, 0.0, 0.0);
-            for k in 0..=2 * HALF {
-                let x = k as f64 - h;
-                let v = y[(i + k).saturating_sub(HALF).min(last)];
-                sum += v;
-                first += x * v;
-                second += x * x * v;
-            }
-            let c = (n * second - s2 * sum) / (n * s4 - s2 * s2);
-            let a = (sum - c * s2) / n;
-            [a, first / s2 / dt_s, 2.0 * c / (dt_s * dt_s)]
+            let [a, b, c, d, e] = std::array::from_fn(|k| at(i, k));
+            [
+                c,
+                (a - 8.0 * b + 8.0 * d - e) / (12.0 * dt_s),
+                (16.0 * (b + d) - (a + e) - 30.0 * c) / (12.0 * dt_s * dt_s),
+            ]
         })
         .collect()
 }
 
 /// Mean over the finite neighbours.
-fn smooth(y: &[f64]) -> Vec<f64> {
+fn smooth(y: &[f64], half: usize) -> Vec<f64> {
     (0..y.len())
         .map(|i| {
-            let near = &y[i.saturating_sub(SMOOTH)..(i + SMOOTH + 1).min(y.len())];
+            let near = &y[i.saturating_sub(half)..(i + half + 1).min(y.len())];
             let finite = near.iter().filter(|v| v.is_finite());
             let (sum, n) = finite.fold((0.0, 0), |(s, n), v| (s + v, n + 1));
             if n > 0 { sum / f64::from(n) } else { f64::NAN }
@@ -116,7 +122,7 @@ fn laws(problem: &Problem, run: &RunData, s: &Signals, applied: &[f64]) -> [Resi
     let ohm = kt * n.supply_v / n.stall;
     let known = &problem.known;
     let q = s.of(Channel::Position);
-    let motion = parabola(q, (run.steps as f64 * problem.dt_s) / rows as f64);
+    let motion = motion(q, (run.steps as f64 * problem.dt_s) / rows as f64);
     let (duty, current) = (s.of(Channel::Duty), s.of(Channel::Current));
     let bus = s.bus(n.supply_v);
     let error = |i: usize| n.kp * (applied[i] - q[i]);
@@ -197,18 +203,19 @@ fn residuals(problem: &Problem, run: &RunData, s: &Signals) -> Vec<Residual> {
     out
 }
 
-/// Mean square of `y` beyond its fast noise, once `columns` have taken what they may within their tolerances.
-fn beyond(y: &[f64], columns: &[(Vec<f64>, f64)], independent: f64) -> f64 {
+/// `y` once `columns` have taken what they may within their tolerances; not a number where one of them is none.
+fn beyond(y: &[f64], columns: &[(Vec<f64>, f64)], independent: f64) -> Vec<f64> {
+    let mut out = vec![f64::NAN; y.len()];
     let used: Vec<usize> = (0..y.len())
         .filter(|i| y[*i].is_finite() && columns.iter().all(|c| c.0[*i].is_finite()))
         .collect();
     if used.len() < 20 {
-        return 0.0;
+        return out;
     }
     let n = used.len() as f64;
     let mut rest: Vec<f64> = used.iter().map(|i| y[*i]).collect();
     let mut beta = vec![0.0; columns.len()];
-    // Each column in turn, towards its optimum under its tolerance; a handful of rounds settles three columns.
+    // Each column in turn, towards its optimum under its tolerance; a handful of rounds settles four columns.
     for _ in 0..30 {
         let size = rest.iter().map(|r| r * r).sum::<f64>() / n;
         for ((column, sigma), b) in columns.iter().zip(&mut beta) {
@@ -219,20 +226,48 @@ fn beyond(y: &[f64], columns: &[(Vec<f64>, f64)], independent: f64) -> f64 {
             }
             let weight = independent / (n * size.max(1e-18));
             let prior = 1.0 / (sigma * sigma);
-            let step = (weight * xy - prior * *b) / (weight * xx + prior);
-            *b += step;
+            let best = *b + (weight * xy - prior * *b) / (weight * xx + prior);
+            let next = best.clamp(-BORDER * sigma, BORDER * sigma);
             for (r, i) in rest.iter_mut().zip(&used) {
-                *r -= step * column[*i];
+                *r -= (next - *b) * column[*i];
             }
+            *b = next;
         }
     }
-    let square = rest.iter().map(|r| r * r).sum::<f64>() / n;
-    let second: Vec<f64> = rest
+    for (r, i) in rest.iter().zip(used) {
+        out[i] = *r;
+    }
+    out
+}
+
+fn mean_square(y: &[f64]) -> f64 {
+    let finite = y.iter().filter(|r| r.is_finite());
+    let (sum, n) = finite.fold((0.0, 0.0), |(s, n), r| (s + r * r, n + 1.0));
+    sum / f64::max(n, 1.0)
+}
+
+/// Mean square of one residual beyond its fast noise.
+fn without_noise(y: &[f64]) -> f64 {
+    let finite: Vec<f64> = y.iter().copied().filter(|r| r.is_finite()).collect();
+    let second: Vec<f64> = finite
         .windows(3)
         .map(|w| (w[0] - 2.0 * w[1] + w[2]).powi(2))
         .collect();
     // Second differences of smoothed noise of variance v have the variance 2 v (window of five).
-    (square - 0.5 * math::median(&second) / 0.455).max(0.0)
+    (mean_square(&finite) - 0.5 * math::median(&second) / 0.455).max(0.0)
+}
+
+/// Mean product of the residuals of different repeats.
+fn in_common(repeats: &[&[f64]]) -> f64 {
+    let n = repeats.len() as f64;
+    let rows = repeats.iter().map(|r| r.len()).min().unwrap_or(0);
+    let product = |i: usize| {
+        let (sum, squares) =
+            (repeats.iter().map(|r| r[i])).fold((0.0, 0.0), |(s, q), r| (s + r, q + r * r));
+        (sum * sum - squares) / (n * (n - 1.0))
+    };
+    let finite: Vec<f64> = (0..rows).map(product).filter(|p| p.is_finite()).collect();
+    math::mean(&finite).max(0.0)
 }
 
 /// Splits what a residual holds into what a straight line of the set-point explains and the rest.
@@ -263,27 +298,95 @@ const STAGES: [Stage; 7] = [
     Stage::Transmission,
 ];
 
-/// What `model` leaves in one run, by stage: mean squares in parts of the full duty.
-fn energies(problem: &Problem, run: &RunData, model: &Params, independent: f64) -> [f64; 7] {
-    let mut trace = Trace::new();
-    simulate(run, model, problem.dt_s, &mut trace);
-    let real = residuals(problem, run, &Signals::measured(run));
-    let play = residuals(problem, run, &Signals::simulated(&trace));
+/// Rows at which a new set-point is in force. Duty is already the new one there, current and motion still the old ones.
+fn edges(applied: &[f64]) -> Vec<bool> {
+    let new = |i: usize| i > 0 && applied[i] != applied[i - 1];
+    let out: Vec<bool> = (0..applied.len()).map(new).collect();
+    // A set-point that is new in every other row is not held.
+    if 2 * out.iter().filter(|e| **e).count() > out.len() {
+        return vec![false; out.len()];
+    }
+    out
+}
+
+/// What `model` leaves of each stage's law in one run, row by row.
+fn left(
+    problem: &Problem,
+    run: &RunData,
+    model: &Params,
+    independent: f64,
+    half: usize,
+) -> Vec<(Stage, Vec<f64>)> {
+    let play = |p: &Params| {
+        let mut trace = Trace::new();
+        simulate(run, p, problem.dt_s, &mut trace);
+        residuals(problem, run, &Signals::simulated(&trace))
+    };
+    let signals = Signals::measured(run);
+    let (ours, stated) = (play(model), play(&Params::default()));
+    let applied = if measured(problem, Channel::Applied) {
+        signals.of(Channel::Applied).to_vec()
+    } else {
+        sent(run, problem.dt_s)
+    };
+    let edges = edges(&applied);
+    let real = residuals(problem, run, &signals).into_iter();
+    real.zip(ours.iter().zip(&stated))
+        .map(|(m, (ours, stated))| {
+            if m.stage == Stage::Transport {
+                return (m.stage, smooth(&m.rest, half));
+            }
+            let mut rest = smooth(&zip(m.rest.len(), |i| m.rest[i] - ours.rest[i]), half);
+            for (r, _) in rest.iter_mut().zip(&edges).filter(|(_, edge)| **edge) {
+                *r = f64::NAN;
+            }
+            // What sampling does grows with the motion: as much of it again, give or take.
+            let sampling = [(stated.rest.clone(), 1.0)];
+            let columns: Vec<(Vec<f64>, f64)> = (m.columns.into_iter().chain(sampling))
+                .map(|c| (smooth(&c.0, half), c.1))
+                .collect();
+            (m.stage, beyond(&rest, &columns, independent))
+        })
+        .collect()
+}
+
+/// What `model` leaves in `runs`, repeats of one stimulus or one run, by stage: mean squares in parts of the full duty.
+fn energies(problem: &Problem, runs: &[usize], model: &Params, independent: f64) -> [f64; 7] {
+    let repeated = runs.len() > 1;
+    let half = if repeated { SMOOTH_REPEATED } else { SMOOTH };
+    let one = |r: &usize| left(problem, &problem.runs[*r], model, independent, half);
+    let all: Vec<Vec<(Stage, Vec<f64>)>> = runs.iter().map(one).collect();
+    let swing = |r: &usize| swings(&problem.runs[*r], problem.dt_s, SWING * problem.range);
+    let swinging = runs.iter().any(swing);
     let mut out = [0.0; 7];
     let place = |s: Stage| STAGES.iter().position(|x| *x == s).unwrap_or(0);
-    for (m, s) in real.iter().zip(&play) {
-        let transport = m.stage == Stage::Transport;
-        let bias = |i: usize| if transport { 0.0 } else { s.rest[i] };
-        let rest = smooth(&zip(m.rest.len(), |i| m.rest[i] - bias(i)));
-        let columns: Vec<(Vec<f64>, f64)> = m.columns.iter().map(|c| (smooth(&c.0), c.1)).collect();
-        let found = beyond(&rest, &columns, independent);
-        let straight = if transport {
-            conventions(&rest, &sent(run, problem.dt_s))
+    for (k, (stage, first)) in all[0].iter().enumerate() {
+        let rest: Vec<&[f64]> = all.iter().map(|a| a[k].1.as_slice()).collect();
+        let found = match (swinging, repeated) {
+            (true, _) => math::mean(&rest.iter().map(|r| mean_square(r)).collect::<Vec<_>>()),
+            (false, true) => in_common(&rest),
+            (false, false) => without_noise(first),
+        };
+        let straight = if *stage == Stage::Transport {
+            conventions(first, &sent(&problem.runs[runs[0]], problem.dt_s))
         } else {
             0.0
         };
-        out[place(m.stage)] += found * (1.0 - straight);
+        out[place(*stage)] += found * (1.0 - straight);
         out[place(Stage::Conventions)] += found * straight;
+    }
+    out
+}
+
+/// `runs` with repeats of one stimulus together.
+fn repeats(problem: &Problem, runs: &[usize]) -> Vec<Vec<usize>> {
+    let mut out: Vec<Vec<usize>> = Vec::new();
+    for r in runs {
+        let same = |g: &&mut Vec<usize>| alike(&problem.runs[g[0]], &problem.runs[*r]);
+        match out.iter_mut().find(same) {
+            Some(group) => group.push(*r),
+            None => out.push(vec![*r]),
+        }
     }
     out
 }
@@ -318,20 +421,22 @@ pub fn shares(
         return None;
     }
     let each = independent / runs.len() as f64;
-    let one = |r: &usize| energies(problem, &problem.runs[*r], model, each);
-    let all: Vec<[f64; 7]> = runs.iter().map(one).collect();
+    let groups = repeats(problem, runs);
+    // A group counts as often as it was recorded.
+    let one = |g: &Vec<usize>| energies(problem, g, model, each).map(|e| e * g.len() as f64);
+    let all: Vec<[f64; 7]> = groups.iter().map(one).collect();
     let of = |pick: &[usize], k: usize| {
         let sum = |k: usize| pick.iter().map(|i| all[*i][k]).sum::<f64>();
         let total: f64 = (0..7).map(sum).sum();
         sum(k) / total.max(1e-300)
     };
-    let every: Vec<usize> = (0..runs.len()).collect();
+    let every: Vec<usize> = (0..groups.len()).collect();
     if (0..7).all(|k| of(&every, k) == 0.0) {
         return None;
     }
     let mut rng = math::Rng::new(seed);
     let draws: Vec<Vec<usize>> = (0..200)
-        .map(|_| every.iter().map(|_| rng.index(runs.len())).collect())
+        .map(|_| every.iter().map(|_| rng.index(groups.len())).collect())
         .collect();
     let row = |k: usize| {
         let column: Vec<f64> = draws.iter().map(|d| of(d, k)).collect();

@@ -8,12 +8,12 @@ pub mod arrival;
 mod command;
 pub mod data;
 pub mod lanes;
-mod merge;
+pub(crate) mod merge;
 pub mod nominal;
 pub mod param;
 pub mod sim;
 mod stop;
-mod swing;
+pub(crate) mod swing;
 
 pub use data::{Problem, RunData, Sample};
 pub use lanes::{Errors, Weights};

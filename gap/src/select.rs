@@ -46,7 +46,7 @@ impl Default for Options {
 }
 
 /// A base parameter beyond this many tolerances is a gap.
-const PULL: f64 = 3.0;
+pub(crate) const PULL: f64 = 3.0;
 
 /// Gain of the cost with priors at which a base parameter that left its tolerance against its prior is believed: what
 /// three tolerances cost, at a hundred independent samples.

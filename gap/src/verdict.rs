@@ -153,6 +153,22 @@ pub struct Ambiguous {
     pub separate_by: String,
 }
 
+/// A nominal value that calibration took beyond its tolerance, with no effect of that name found: the model reaches its
+/// error only so. It takes the place of whatever the data shows, as its own effect or as an equivalent of another.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Displaced {
+    /// The base effect whose parameter it is.
+    pub effect: Effect,
+    /// Its stage.
+    pub stage: String,
+    /// Its joint.
+    pub joint: Option<usize>,
+    /// Ratio to the stated value; an effort where none was stated.
+    pub value: f64,
+    /// Distance from the stated value, in tolerances.
+    pub tolerances: f64,
+}
+
 /// The next experiment.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct NextExperiment {
@@ -222,6 +238,8 @@ pub struct Verdict {
     pub next_experiment: Option<NextExperiment>,
     /// Nominal parameters after calibration that left three sigma of their tolerance.
     pub pulled: BTreeMap<String, f64>,
+    /// Those of them that are the parameter of a base effect, by the effect's name, beyond three tolerances of all that is stated.
+    pub displaced: Vec<Displaced>,
     /// Provenance.
     pub provenance: Provenance,
 }

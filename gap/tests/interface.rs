@@ -16,6 +16,10 @@ fn a_broken_law_shows_in_its_own_stage_inverse_crime() {
         (P::CurrentLimit, 0.3, Stage::Electrical),
         (P::Deadband, 0.02, Stage::Driver),
         (P::LoopGain, 0.7, Stage::Driver),
+        (P::Lag, 0.01, Stage::Driver),
+        (P::FeedbackDelay, 0.005, Stage::Driver),
+        // The loop swings by itself.
+        (P::FeedbackDelay, 0.012, Stage::Driver),
     ];
     for (p, value, stage) in table {
         let planted = Params::default().with(p, value);

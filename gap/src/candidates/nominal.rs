@@ -5,6 +5,7 @@ use files::dataset::{Command, Output};
 use super::{linear, log, measured};
 use crate::fit::{Free, Map};
 use crate::joint::{Channel, Nominal, P, Params, Problem};
+use crate::vocabulary::Effect;
 
 /// Nominal parameters that may move: within a tolerance where known, freely where not.
 #[must_use]
@@ -86,6 +87,22 @@ pub fn pull(known: &[Free], p: P, params: &Params) -> Option<f64> {
     let real = params.get(P::Supply);
     let rest = f.pull(params.get(p) / libm::pow(real, supplies(p)));
     Some(sheet.min(libm::hypot(rest, supply.pull(real))))
+}
+
+/// The base effect whose parameter `p` is.
+#[must_use]
+pub fn base_effect(p: P) -> Option<Effect> {
+    match p {
+        P::LoopGain => Some(Effect::LoopGain),
+        P::Damping => Some(Effect::DampingGain),
+        P::Motor | P::Ampere => Some(Effect::MotorConstant),
+        P::Resistance => Some(Effect::WindingResistance),
+        P::Strength => Some(Effect::TorqueLimit),
+        P::Supply => Some(Effect::SupplyVoltage),
+        P::Inertia => Some(Effect::Inertia),
+        P::Gravity | P::Weight => Some(Effect::GravityLoad),
+        _ => None,
+    }
 }
 
 /// How gears, inner loops and recordings are built, which no data set states.
@@ -192,5 +209,15 @@ mod tests {
         let known = [log(P::Resistance, None)];
         assert_eq!(pull(&known, P::Resistance, &Params::default()), None);
         assert_eq!(pull(&known, P::Motor, &Params::default()), None);
+    }
+    /// The place of a nominal value that was taken off is that of the effect whose name it is told under.
+    #[test]
+    fn a_base_effect_acts_where_its_parameter_does() {
+        for p in P::ALL {
+            if let Some(e) = base_effect(*p) {
+                assert!(e.is_base(), "{p:?}");
+                assert_eq!(e.stage(), crate::locate::stage_of(*p), "{p:?}");
+            }
+        }
     }
 }

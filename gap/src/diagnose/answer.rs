@@ -17,7 +17,7 @@ use crate::joint::{Channel, Params, Trace, simulate, simulate_all};
 use crate::locate;
 use crate::math;
 use crate::names;
-use crate::select::Search;
+use crate::select::{PULL, Search};
 use crate::sentence::{fall, listed};
 use crate::verdict::*;
 use crate::vocabulary::{Effect, Stage};
@@ -339,12 +339,19 @@ fn ambiguous(d: &Diagnosis) -> Vec<Ambiguous> {
     out
 }
 
-fn sentence(word: Word, gap: &Gap, effects: &[EffectRow], place: &[Where]) -> String {
+fn sentence(
+    word: Word,
+    gap: &Gap,
+    effects: &[EffectRow],
+    place: &[Where],
+    displaced: &[Displaced],
+) -> String {
     let names: Vec<&str> = effects.iter().map(|e| e.effect.plain()).collect();
     let list = listed(&names);
     let fall = fall(gap);
     match word {
-        Word::None => "The model explains the recordings as well as they can be explained; there is no gap to name.".into(),
+        Word::None if displaced.is_empty() => "The model explains the recordings as well as they can be explained; there is no gap to name.".into(),
+        Word::None => "The model explains the recordings as well as they can be explained.".into(),
         Word::Explained | Word::Parametric => {
             format!("The gap comes from this: {list}. {fall}.")
         }
@@ -356,6 +363,39 @@ fn sentence(word: Word, gap: &Gap, effects: &[EffectRow], place: &[Where]) -> St
             let stage = place.iter().find(|p| p.stage != "unexplained").map_or("drivetrain", |p| p.stage.as_str());
             format!("There is a gap that no effect in the library explains; look at the {stage}.")
         }
+    }
+}
+
+/// Nominal values of base effects that calibration took beyond their tolerances without an effect of that name being found:
+/// they take the place of whatever the data shows. The farthest comes first.
+fn displaced(d: &Diagnosis) -> Vec<Displaced> {
+    let model = &d.selection.model;
+    let one = |f: &fit::Free| {
+        f.tolerance?;
+        let effect = candidates::base_effect(f.p)?;
+        let tolerances = candidates::pull(&model.free, f.p, &model.params)?;
+        (tolerances > PULL).then(|| Displaced {
+            effect,
+            stage: effect.stage().name().into(),
+            joint: Some(d.problem.joint),
+            value: model.params.get(f.p),
+            tolerances: round(tolerances),
+        })
+    };
+    let mut out: Vec<Displaced> = model.free.iter().filter_map(one).collect();
+    out.sort_by(|a, b| b.tolerances.total_cmp(&a.tolerances));
+    out
+}
+
+/// What is to be said of nominal values beyond their tolerances.
+fn taken_off(displaced: &[Displaced]) -> String {
+    let one = |s: &Displaced| format!("{} ({:.1} tolerances)", s.effect.plain(), s.tolerances);
+    match displaced {
+        [] => String::new(),
+        some => format!(
+            " Calibration took stated values off by more than their tolerances: {}.",
+            listed(&some.iter().map(one).collect::<Vec<_>>())
+        ),
     }
 }
 
@@ -401,6 +441,7 @@ pub(super) fn empty() -> Verdict {
         ambiguous: Vec::new(),
         next_experiment: None,
         pulled: BTreeMap::new(),
+        displaced: Vec::new(),
         provenance: Provenance {
             tool: concat!("gap ", env!("CARGO_PKG_VERSION")).into(),
             commit: None,
@@ -499,7 +540,8 @@ pub(super) fn verdict(d: &Diagnosis, library: &[Candidate], settings: &Settings)
     let word = word(d, &gap, settings);
     let probabilities = probabilities(d, word, settings);
     let effects = effect_rows(d, probabilities.none + probabilities.unknown);
-    let place = places(d, settings);
+    let place = places(d, word, settings);
+    let displaced = displaced(d);
     let ambiguous = ambiguous(d);
     let three = [
         (&d.nominal, d.ideal),
@@ -514,7 +556,10 @@ pub(super) fn verdict(d: &Diagnosis, library: &[Candidate], settings: &Settings)
         .iter()
         .filter(|f| f.tolerance.is_some());
     Verdict {
-        sentence: sentence(word, &gap, &effects, &place) + &stops(d),
+        sentence: sentence(word, &gap, &effects, &place, &displaced)
+            + &taken_off(&displaced)
+            + &stops(d),
+        displaced,
         verdict: word,
         metrics: all[0]
             .keys()

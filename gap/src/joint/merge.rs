@@ -10,7 +10,7 @@ fn same_list(a: &[f64], b: &[f64], within: f64) -> bool {
 }
 
 /// Whether a model answers both runs with the same trace, but for the state they start from.
-fn alike(a: &RunData, b: &RunData) -> bool {
+pub(crate) fn alike(a: &RunData, b: &RunData) -> bool {
     let edge = |(a, b): (&Edge, &Edge)| a.step == b.step && a.enabled == b.enabled;
     a.repeat == b.repeat
         && a.role == b.role

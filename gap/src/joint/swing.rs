@@ -27,7 +27,8 @@ fn turns(signal: impl Iterator<Item = f64>, least: f64) -> f64 {
     count
 }
 
-fn swings(run: &RunData, dt_s: f64, least: f64) -> bool {
+/// Whether the position turns by more than `least` far more often than its set-point.
+pub(crate) fn swings(run: &RunData, dt_s: f64, least: f64) -> bool {
     let position = run.samples.iter().filter(|s| s.enabled);
     let moved = turns(position.map(|s| s.measured[0]), least);
     let asked = turns(run.command.iter().copied(), least);

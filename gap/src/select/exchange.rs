@@ -133,7 +133,8 @@ impl Search<'_> {
         best.min_by(|a, b| a.0.total_cmp(&b.0)).map(|t| t.1)
     }
 
-    /// Model with only one of the found effects, and model with all but one.
+    /// Model with only one of the found effects, and model with all but one. Without a base effect its parameter is what is
+    /// stated: as a prior it would come back to where the effect had it.
     #[must_use]
     pub fn alone_and_removed(
         &self,
@@ -147,7 +148,10 @@ impl Search<'_> {
             let value = |x: &crate::fit::Free| model.params.get(x.p);
             let values: Vec<f64> = f.candidate.free.iter().map(value).collect();
             models.push(with(calibrated, &f.candidate, &values));
-            models.push(self.without(model, &f.candidate));
+            let mut removed = self.without(model, &f.candidate);
+            let mine = |p: P| f.candidate.free.iter().any(|x| x.p == p);
+            removed.free.retain(|x| !mine(x.p));
+            models.push(removed);
         }
         o.polish_all(&mut models, 3);
         let mut all = models.into_iter();

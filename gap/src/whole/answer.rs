@@ -332,6 +332,7 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
         next_experiment: found::next(&ambiguous, word),
         unseen: unseen::unseen(d, settings),
         pulled: BTreeMap::new(),
+        displaced: Vec::new(),
         gap,
         metrics,
         staircase,

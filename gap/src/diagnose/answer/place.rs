@@ -3,12 +3,12 @@
 use super::word::{REMAINDER, remainder};
 use crate::candidates;
 use crate::diagnose::{Diagnosis, Settings};
-use crate::joint::{Channel, Trace, simulate};
-use crate::verdict::Where;
+use crate::joint::{Channel, P, Params, Trace, simulate};
+use crate::verdict::{Where, Word};
 use crate::vocabulary::{Effect, Stage};
 use crate::{interface, locate};
 
-pub(super) fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
+pub(super) fn places(d: &Diagnosis, word: Word, settings: &Settings) -> Vec<Where> {
     let floor = if d.floor.repeat.is_some() {
         d.floor.of(0)
     } else {
@@ -42,7 +42,7 @@ pub(super) fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
         .collect();
     if remainder(d, settings) > REMAINDER {
         let before = before_driver(d);
-        if !measured_places(d, &mut rows, regime, settings) && d.selection.found.is_empty() {
+        if !measured_places(d, &mut rows, regime, word, settings) && d.selection.found.is_empty() {
             suspect(d, &mut rows, regime, before);
         }
         if let Some(Some(stage)) = before {
@@ -54,14 +54,19 @@ pub(super) fn places(d: &Diagnosis, settings: &Settings) -> Vec<Where> {
 }
 
 /// Places what nothing explains by the laws that the measured signals break (see [`crate::interface`]). With nothing found the
-/// calibration only bends to what it cannot explain, and the whole gap is placed so. `false` where the signals cannot tell.
+/// calibration only bends to what it cannot explain, and the whole gap is placed so; where the word is unknown the effects found
+/// only imitate it too. A zero between mechanics and encoder is an exception: no law of a stage shows it. `false` where the
+/// signals cannot tell.
 fn measured_places(
     d: &Diagnosis,
     rows: &mut Vec<Where>,
     regime: &str,
+    word: Word,
     settings: &Settings,
 ) -> bool {
-    let bare = d.selection.found.is_empty();
+    let mut moved = d.selection.found.iter().flat_map(|f| &f.candidate.free);
+    let zero = moved.any(|f| f.p == P::MechOffset);
+    let bare = d.selection.found.is_empty() || (word == Word::Unknown && !zero);
     let model = if bare {
         &d.nominal
     } else {
@@ -112,19 +117,33 @@ fn measured_places(
 }
 
 /// What the driver's echo says of a remainder: it arose before the driver, and in which stage; `Some(None)` if the
-/// set-points arrived as the model has them, `None` without an echo.
+/// set-points arrived as the model has them, `None` without an echo. Where they arrived as stated, an effect on their way that
+/// the model holds only imitates another.
 fn before_driver(d: &Diagnosis) -> Option<Option<Stage>> {
-    let c = Channel::Applied as usize;
     if !candidates::measured(&d.problem, Channel::Applied) {
         return None;
     }
+    let stated = if d.ideal {
+        None
+    } else {
+        Some(echo(d, &d.nominal))
+    };
+    Some(match stated {
+        Some(None) => None,
+        _ => echo(d, &d.selection.model.params),
+    })
+}
+
+/// The stage before the driver in which the echo differs from what `params` makes of the set-points.
+fn echo(d: &Diagnosis, params: &Params) -> Option<Stage> {
+    let c = Channel::Applied as usize;
     let weight = d.floor.weights()[c];
     let (mut n, mut x, mut y, mut xx, mut xy, mut yy, mut error) =
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
     for r in &d.score_runs {
         let run = &d.problem.runs[*r];
         let mut trace = Trace::new();
-        simulate(run, &d.selection.model.params, d.problem.dt_s, &mut trace);
+        simulate(run, params, d.problem.dt_s, &mut trace);
         for (s, model) in run.samples.iter().zip(&trace).filter(|(s, _)| s.enabled) {
             let (a, b) = (model[c] * weight, s.measured[c] * weight);
             if b.is_finite() {
@@ -135,16 +154,16 @@ fn before_driver(d: &Diagnosis) -> Option<Option<Stage>> {
     }
     let floor = d.floor.of(c) * weight;
     if n < 2.0 || error / n < ECHOED + 4.0 * floor * floor {
-        return Some(None);
+        return None;
     }
     // Another scale, sign or zero is a straight line through all instants; what comes late or never is not.
     let (sxx, sxy, syy) = (xx - x * x / n, xy - x * y / n, yy - y * y / n);
     let left = syy - sxy * sxy / sxx.max(1e-300);
-    Some(Some(if left < STRAIGHT * error {
+    Some(if left < STRAIGHT * error {
         Stage::Conventions
     } else {
         Stage::Transport
-    }))
+    })
 }
 
 /// Mean square error of an echo, in tolerances, up to which it is the set-point that the model has: a tenth of one.

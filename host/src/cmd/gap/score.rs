@@ -89,6 +89,9 @@ pub(super) struct Opened {
     pub(super) truth: Vec<Cause>,
     /// What was said: for each effect found, the members of its class.
     pub(super) said: Vec<Vec<Cause>>,
+    /// Base effects whose nominal value had to be taken off by more than three tolerances, the farthest first; none of them is an
+    /// effect that was said.
+    displaced: Vec<Cause>,
 }
 
 impl Opened {
@@ -106,6 +109,7 @@ impl Opened {
         Self {
             truth: list(&label["planted"]).iter().map(cause).collect(),
             said: list(&verdict["effects"]).iter().map(class).collect(),
+            displaced: list(&verdict["displaced"]).iter().map(cause).collect(),
             label: label.clone(),
             verdict: verdict.clone(),
         }
@@ -120,6 +124,7 @@ impl Opened {
             }
         };
         blank(&mut verdict["effects"]);
+        blank(&mut verdict["displaced"]);
         for class in verdict["ambiguous"].as_array_mut().into_iter().flatten() {
             blank(&mut class["members"]);
         }
@@ -187,6 +192,27 @@ impl Opened {
         self.true_stage(self.said_at())
     }
 
+    /// Whether nothing but a nominal value beyond three tolerances was declared to take the effect's place.
+    pub(super) fn displaced_only(&self) -> bool {
+        self.said.is_empty() && !self.displaced.is_empty()
+    }
+
+    /// Whether that value is the parameter of the planted effect itself.
+    pub(super) fn displaced_itself(&self) -> bool {
+        let first = self.displaced.first().filter(|_| self.said.is_empty());
+        first.is_some_and(|c| self.truth.contains(c))
+    }
+
+    /// Whether what was declared to take the effect's place acts in a stage of the truth: the first effect said, or where none
+    /// was said, the nominal value that was taken off farthest, by more than three tolerances.
+    pub(super) fn equivalent_stage(&self) -> bool {
+        if !self.displaced_only() {
+            return self.stage_said();
+        }
+        let first = self.displaced.first();
+        self.true_stage(first.map(|(effect, joint)| (stage(effect), *joint)))
+    }
+
     /// Whether the first place of the gap is a stage of the truth, whatever effects were said.
     pub(super) fn stage_seen(&self) -> bool {
         self.true_stage(self.seen_at())
@@ -201,9 +227,10 @@ impl Opened {
         self.truth.iter().any(|(_, joint)| *joint == said)
     }
 
-    /// Whether the best that was found leaves more than two floors. Where nothing was found, all of a detectable effect is left.
+    /// Whether the best that was found leaves more than two floors. Where neither an effect nor a nominal value beyond its
+    /// tolerances was declared, all of a detectable effect is left.
     pub(super) fn far_off(&self) -> bool {
-        if self.said.is_empty() {
+        if self.said.is_empty() && self.displaced.is_empty() {
             return true;
         }
         let g = &self.verdict["gap"];
@@ -265,6 +292,17 @@ impl Opened {
         (stated, right)
     }
 
+    /// The first place of an unknown gap and the nominal values off, where there are such.
+    fn place_told(&self) -> String {
+        let place = self.seen_at().filter(|_| self.word() == "unknown");
+        let place = place.map_or(String::new(), |(stage, _)| format!(" in {stage}"));
+        let names: Vec<&str> = self.displaced.iter().map(|c| c.0.as_str()).collect();
+        match names.as_slice() {
+            [] => place,
+            some => format!("{place}, off: {}", some.join(", ")),
+        }
+    }
+
     pub(super) fn told(&self) -> String {
         let name = |c: &Cause| {
             let joint = c.1.map_or(String::new(), |j| format!("@{j}"));
@@ -290,7 +328,7 @@ impl Opened {
             .map(|c| c.iter().map(name).collect::<Vec<_>>().join("|"))
             .collect();
         format!(
-            "{} [{}]: planted {}; said {} [{}]",
+            "{} [{}]: planted {}; said {} [{}]{}",
             self.label["name"].as_str().unwrap_or(""),
             self.kind(),
             if planted.is_empty() {
@@ -299,7 +337,8 @@ impl Opened {
                 planted.join(" + ")
             },
             self.word(),
-            said.join(", ")
+            said.join(", "),
+            self.place_told()
         )
     }
 }
@@ -389,6 +428,12 @@ pub(super) fn words(all: &[Opened], clear: &dyn Fn(&Opened) -> bool) -> Vec<Row>
         row(
             "nulls called none",
             share(&nulls, |o| o.word() == "none"),
+            nulls.len(),
+            "-",
+        ),
+        row(
+            "nulls with a nominal value > 3 tolerances off",
+            share(&nulls, |o| !o.displaced.is_empty()),
             nulls.len(),
             "-",
         ),
