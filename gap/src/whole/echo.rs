@@ -4,6 +4,7 @@
 //! one grid are rounded; delays that differ by more than neighbouring rows are jitter, whose size and the losses that it hides (a value
 //! that is replaced before a row sees it) come from playing the same traffic with known sizes.
 
+use super::clock::clock;
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::direct::{Reading, exact};
@@ -81,16 +82,14 @@ const LEAST_STEP_RAD: f64 = 3e-3;
 const LEAST_SENT: f64 = 50.0;
 /// Neighbouring values that must differ for a value to be followed.
 const NEIGHBOURS: usize = 8;
-/// Joints that must agree on a clock.
-const ONE_CLOCK: usize = 3;
 /// Share of set-points that come in another row than a constant delay says, up to which delays count as one.
-const STRAY: f64 = 0.004;
+pub(super) const STRAY: f64 = 0.004;
 /// Least set-points in another row than a constant delay says that may be the tail of a jitter.
 const TAIL: f64 = 4.0;
 /// Delays that are told apart within a row.
 const GRAINS: f64 = 20.0;
 /// Resolution of printed times, s.
-const TICK_S: f64 = 6e-4;
+pub(super) const TICK_S: f64 = 6e-4;
 
 fn rounded(v: f64, anchor: f64, step: f64) -> f64 {
     anchor + ((v - anchor) / step).round() * step
@@ -244,12 +243,12 @@ struct Constant {
 }
 
 /// What one address showed.
-struct Address {
+pub(super) struct Address {
     step_rad: f64,
-    row_s: f64,
+    pub(super) row_s: f64,
     spacing_s: f64,
     /// Length of the longest run, s.
-    length_s: f64,
+    pub(super) length_s: f64,
     runs: Vec<Vec<Followed>>,
 }
 
@@ -289,14 +288,14 @@ impl Address {
         })
     }
 
-    fn drift(&self) -> Option<(f64, f64)> {
+    pub(super) fn drift(&self) -> Option<(f64, f64)> {
         let slopes: Vec<f64> = self.runs.iter().filter_map(|r| drift(r)).collect();
         let middle = math::median(&slopes);
         let spread = math::rms(&slopes.iter().map(|s| s - middle).collect::<Vec<_>>());
         (!slopes.is_empty()).then(|| (middle, spread / (slopes.len() as f64).sqrt()))
     }
 
-    fn sent(&self) -> f64 {
+    pub(super) fn sent(&self) -> f64 {
         self.runs.iter().map(|r| r.len() as f64).sum()
     }
 
@@ -313,7 +312,7 @@ impl Address {
     }
 
     /// Arrivals seen in another row than `delay` on a clock that drifts by `slope` says.
-    fn stray(&self, slope: f64, delay: f64) -> f64 {
+    pub(super) fn stray(&self, slope: f64, delay: f64) -> f64 {
         let row = |t: f64| ((t * (1.0 + slope) + delay - TICK_S) / self.row_s).ceil() * self.row_s;
         let off = |f: &&Followed| {
             f.1.is_some_and(|d| (row(f.0) - f.0 - d).abs() > 0.5 * self.row_s)
@@ -452,75 +451,6 @@ impl Address {
         }
         echo
     }
-}
-
-/// Least drift over the longest run, in rows: less shows as arrivals one row late at most.
-const DRIFTED: f64 = 0.7;
-
-/// A clock that drifts by `slope`: the shortest delay beside it that places arrivals about as well as any, and the arrivals out of place.
-struct Placed {
-    slope: f64,
-    delay_s: f64,
-    stray: f64,
-}
-
-impl Placed {
-    fn new(addresses: &[&Address], slope: f64, few: f64) -> Self {
-        let row_s = addresses.first().map_or(0.0, |a| a.row_s);
-        let delays = [0.0, 1.5 * TICK_S].into_iter();
-        let tries: Vec<Self> = delays
-            .chain((1..64).map(|i| 0.25 * row_s * f64::from(i)))
-            .map(|delay_s| Self {
-                slope,
-                delay_s,
-                stray: addresses.iter().map(|a| a.stray(slope, delay_s)).sum(),
-            })
-            .collect();
-        let least = tries.iter().map(|t| t.stray).fold(f64::INFINITY, f64::min);
-        let near = tries.into_iter().find(|t| t.stray <= least + few);
-        near.unwrap_or(Self {
-            slope,
-            delay_s: 0.0,
-            stray: f64::INFINITY,
-        })
-    }
-}
-
-/// Drift of the delays that all joints share, its error, and the joints that show it.
-fn clock(addresses: &[Option<Address>]) -> Option<(f64, f64)> {
-    let drifts: Vec<(f64, f64)> = addresses
-        .iter()
-        .flatten()
-        .filter_map(Address::drift)
-        .collect();
-    let slope = math::median(&drifts.iter().map(|d| d.0).collect::<Vec<_>>());
-    let a = addresses.iter().flatten().next()?;
-    let agree = |d: &&(f64, f64)| (d.0 - slope).abs() <= 0.1 * slope.abs() + 3.0 * d.1;
-    let error = math::median(&drifts.iter().map(|d| d.1).collect::<Vec<_>>());
-    let seen = (slope * a.length_s).abs() > DRIFTED * a.row_s && slope.abs() > 5.0 * error;
-    if !seen || drifts.iter().filter(agree).count() < ONE_CLOCK {
-        return None;
-    }
-    // Rows beat with the drift: the slope at which fewest arrivals are out of place is better than a straight line through them. A clock
-    // and a delay stand in for each other: of slopes that place arrivals alike, those with the shortest delay are taken.
-    let known: Vec<&Address> = addresses.iter().flatten().collect();
-    let few = STRAY * known.iter().map(|a| a.sent()).sum::<f64>();
-    let tries: Vec<Placed> = (-80..=80)
-        .map(|i| Placed::new(&known, slope + 2e-5 * f64::from(i), few))
-        .collect();
-    let least = |v: &mut dyn Iterator<Item = f64>| v.fold(f64::INFINITY, f64::min);
-    let fewest = least(&mut tries.iter().map(|t| t.stray));
-    let near = |t: &&Placed| t.stray <= fewest + few;
-    let shortest = least(&mut tries.iter().filter(near).map(|t| t.delay_s));
-    let taken = |t: &&Placed| near(t) && t.delay_s <= shortest;
-    let fewest = least(&mut tries.iter().filter(taken).map(|t| t.stray));
-    let best: Vec<f64> = tries
-        .iter()
-        .filter(|t| taken(t) && t.stray <= fewest)
-        .map(|t| t.slope)
-        .collect();
-    // Rows and ticks let a clock slip by a tick over the whole run unseen.
-    Some((math::mean(&best), error.min(1e-4).max(TICK_S / a.length_s)))
 }
 
 /// Reads the transport of every joint off its echo, and tells `conventions` what the joints need to know.

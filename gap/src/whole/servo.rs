@@ -258,11 +258,8 @@ impl JointRun {
 
     /// Largest commanded speed between neighbouring set-points, rad/s (95 % quantile).
     pub(super) fn busy_rad_s(&self) -> f64 {
-        let v: Vec<f64> = self
-            .events
-            .windows(2)
-            .map(|w| ((w[1][1] - w[0][1]) / (w[1][0] - w[0][0]).max(1e-3)).abs())
-            .collect();
+        let speed = |w: &[[f64; 3]]| ((w[1][1] - w[0][1]) / (w[1][0] - w[0][0]).max(1e-3)).abs();
+        let v: Vec<f64> = self.events.windows(2).map(speed).collect();
         crate::math::quantile(&v, 0.95)
     }
 
@@ -270,10 +267,8 @@ impl JointRun {
     pub(super) fn moved_rad_s(&self) -> f64 {
         const APART: usize = (0.1 / STEP_S) as usize;
         let ends = self.path.iter().zip(self.path.iter().skip(APART));
-        let v: Vec<f64> = ends
-            .map(|(a, b)| (b - a).abs() / (APART as f64 * STEP_S))
-            .collect();
-        crate::math::quantile(&v, 0.95)
+        let ways: Vec<f64> = ends.map(|(a, b)| (b - a).abs()).collect();
+        crate::math::quantile(&ways, 0.95) / (APART as f64 * STEP_S)
     }
 
     /// Measured torque, simulated torque and replayed load at every torque sample, N m.
