@@ -32,14 +32,11 @@ pub(super) struct Replay<'a> {
 /// Least joints whose loads are judged together.
 pub(super) const JOINTLY: usize = 4;
 /// Relative error of the loads of all joints together: null robots show 0.97 to 1.07 (emulated robots, eight seeds); without an inertial
-/// sensor those of another engine 0.87 and, with contacts that rub less, 0.72 (see [`Replay::stays`]).
+/// sensor those of another engine 0.87 and, with contacts that rub less, 0.72.
 const LOAD_ERROR: f64 = 0.035;
-const LOAD_ERROR_BLIND: f64 = 0.055;
+const LOAD_ERROR_BLIND: f64 = 0.07;
 /// Standard deviations by which a mass must be off to be named.
 const MASS_DEVIATIONS: f64 = 3.0;
-/// Share of a mass's effect on the loads that must stay on the friction that fits best: 0.3 for a mass of 1.4 whose friction nothing tells,
-/// less where a friction was there that is too near to the nominal one to be named.
-const STAYS: f64 = 0.25;
 /// Share of that which every five of the joints must show without the sixth.
 const WITHOUT: f64 = 0.6;
 
@@ -128,16 +125,6 @@ impl Replay<'_> {
         let params = Arc::new(found.tier.params(&theta));
         let all = self.moments(windows, (&params, &found.tier.links(&theta)));
         all.into_iter().sum::<Moments>().ratio(self.inertial())
-    }
-
-    /// Share of the `mass`'s effect on the loads that must stay on the friction that fits best. Without an inertial sensor it must be a mass
-    /// there too: a robot without a cause that shows 0.72 on contacts of another engine shows 0.88 there, one of 1.25 no less.
-    pub(super) fn stays(&self, mass: &Reading) -> f64 {
-        if self.inertial() {
-            STAYS
-        } else {
-            STAYS.max(MASS_DEVIATIONS / mass.gain.sqrt())
-        }
     }
 
     /// Friction over the nominal one at which the replayed loads are as large as the measured ones.
