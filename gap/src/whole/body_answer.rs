@@ -194,13 +194,22 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
     };
     let moved: Vec<usize> = answer.last().members.iter().filter_map(offset).collect();
     let changes = tier.changes(&answer.last().theta, &moved);
-    let ends_m = math::median(&tier.ends_m(&answer.last().theta));
     Found {
         changes,
-        off: ends_m / tier.tolerance_m().max(1e-9) / OFF,
+        off: off(data, &tier, &answer),
         answer,
         tier,
     }
+}
+
+/// Tolerances by which half the windows end off at least, over [`OFF`]. Starts that were read off a film are too rough to say so.
+fn off(data: &Data, tier: &Tier, answer: &Answer) -> f64 {
+    let mut bases = data.runs.iter().filter_map(|r| r.base.as_ref());
+    if bases.any(|b| b.filmed.is_some()) {
+        return 0.0;
+    }
+    let ends_m = math::median(&tier.ends_m(&answer.last().theta));
+    ends_m / tier.tolerance_m().max(1e-9) / OFF
 }
 
 /// Whether a slope is more than the sensor's error.
