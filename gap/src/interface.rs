@@ -18,6 +18,7 @@ use crate::joint::swing::swings;
 use crate::joint::{Channel, Params, Problem, Trace, simulate};
 use crate::locate::Share;
 use crate::math;
+use crate::select::PULL;
 use crate::vocabulary::Stage;
 
 /// Rows over which the residuals of one run are averaged to each side: one set-point period of the robot in rows of 100 Hz.
@@ -25,9 +26,6 @@ const SMOOTH: usize = 2;
 
 /// The same where repeats tell what is noise: less, for a loop that sees its encoder late rings at tens of hertz.
 const SMOOTH_REPEATED: usize = 1;
-
-/// Tolerances beyond which a constant does not move to make a law hold: what is left then is a gap (as `select::PULL`).
-const BORDER: f64 = 3.0;
 
 /// Turns of the position that count as swings, in parts of the range of the motion: above the noise of an encoder, below the
 /// swings of a loop that saturates.
@@ -227,7 +225,7 @@ fn beyond(y: &[f64], columns: &[(Vec<f64>, f64)], independent: f64) -> Vec<f64> 
             let weight = independent / (n * size.max(1e-18));
             let prior = 1.0 / (sigma * sigma);
             let best = *b + (weight * xy - prior * *b) / (weight * xx + prior);
-            let next = best.clamp(-BORDER * sigma, BORDER * sigma);
+            let next = best.clamp(-PULL * sigma, PULL * sigma);
             for (r, i) in rest.iter_mut().zip(&used) {
                 *r -= (next - *b) * column[*i];
             }

@@ -39,6 +39,13 @@ pub fn rms(v: &[f64]) -> f64 {
     }
 }
 
+/// Student's t over the normal quantile, 95 %, to first order in one over the degrees of freedom `free`: what a spread that is known from
+/// few values is widened by.
+#[must_use]
+pub fn few(free: f64) -> f64 {
+    1.0 + 1.2 / free
+}
+
 /// Quantile `p` in 0..=1 of a slice by the nearest rank; 0 when empty.
 #[must_use]
 pub fn quantile(v: &[f64], p: f64) -> f64 {

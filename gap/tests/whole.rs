@@ -205,6 +205,39 @@ fn a_heavier_robot_is_told_from_a_ground_that_holds_more_or_less() {
 }
 
 #[test]
+fn a_lighter_robot_is_told_beside_a_centre_of_mass_elsewhere() {
+    let reality = Reality::with(|m| {
+        for key in Key::MASSES {
+            m.set(key, 0.7 * m.value(key)).expect("in range");
+        }
+        m.set_effect(E::ComOffset, None, &[0.0, 0.03, 0.0])
+            .expect("in range");
+    });
+    let v = verdict(&Plan::default(), &reality);
+    let mut named: Vec<&str> = v.effects.iter().map(|e| e.effect.name()).collect();
+    named.sort_unstable();
+    assert_eq!(named, ["com_offset", "mass"], "{:?}", v.effects);
+    let mass = v.effects.iter().find(|e| e.effect == Effect::Mass);
+    let [low, high] = mass.expect("named").parameters["ratio"].ci95;
+    assert!(low < 0.7 && 0.7 < high, "{low} {high}");
+}
+
+/// Joints 0 to 5 stand in these columns, with their set-points: only the body tells.
+#[test]
+fn six_joints_in_a_ring_are_put_in_order() {
+    let plan = Plan {
+        columns: [3, 0, 4, 1, 5, 2],
+        ..Plan::default()
+    };
+    let v = verdict(&plan, &Reality::default());
+    let named: Vec<Effect> = v.effects.iter().map(|e| e.effect).collect();
+    assert_eq!(named, [Effect::JointOrder], "{:?}", v.effects);
+    // The column a's set-points reach joint [1, 3, 5, 0, 2, 4][a]: 1 * 120 + 2 * 24 + 3 * 6 permutations of six come before it.
+    let found = v.effects[0].parameters["permutation"].value;
+    assert!((found - 186.0).abs() < 0.5, "{found}");
+}
+
+#[test]
 fn a_zero_that_drifts_is_no_offset() {
     let reality = Reality {
         zero_rad_s: [0.0, 0.0, 0.03, 0.0, 0.0, 0.0],

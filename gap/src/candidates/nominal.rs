@@ -210,6 +210,7 @@ mod tests {
         assert_eq!(pull(&known, P::Resistance, &Params::default()), None);
         assert_eq!(pull(&known, P::Motor, &Params::default()), None);
     }
+
     /// The place of a nominal value that was taken off is that of the effect whose name it is told under.
     #[test]
     fn a_base_effect_acts_where_its_parameter_does() {

@@ -105,7 +105,7 @@ fn odd(d: &Parts) -> f64 {
     let flags = [
         if broken { BROKEN } else { 0.0 },
         if unsteady { UNSTEADY } else { 0.0 },
-        if off > 1.0 { off } else { 0.0 },
+        off,
     ];
     laws.chain(flags).fold(0.0, f64::max)
 }

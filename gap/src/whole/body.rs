@@ -419,10 +419,16 @@ impl Tier {
     }
 
     fn trials(&self, theta: &[f64]) -> Vec<Trial> {
+        self.trials_of(theta, 1)
+    }
+
+    /// Every `thin`-th window.
+    fn trials_of(&self, theta: &[f64], thin: usize) -> Vec<Trial> {
         let params = Arc::new(self.params(theta));
         let maps = self.links(theta);
         self.windows
             .iter()
+            .step_by(thin)
             .map(|w| w.trial(&params, &maps, &self.order))
             .collect()
     }
@@ -447,9 +453,8 @@ impl Tier {
     }
 
     /// Mean square of the errors of every `thin`-th window.
-    pub(super) fn glance(&self, theta: &[f64], thin: usize) -> f64 {
-        let trials: Vec<Trial> = self.trials(theta).into_iter().step_by(thin).collect();
-        let outcomes = windows::run(&trials, &windows::options(false));
+    pub(super) fn thinned(&self, theta: &[f64], thin: usize) -> f64 {
+        let outcomes = windows::run(&self.trials_of(theta, thin), &windows::options(false));
         let seen = (0..self.windows.len()).step_by(thin).zip(&outcomes);
         let squares: Vec<f64> = seen
             .flat_map(|(w, o)| self.errors_of(w, o))

@@ -138,7 +138,7 @@ fn sums(data: &Data) -> [[Sums; JOINTS]; JOINTS] {
 }
 
 /// Every permutation of six in lexicographic order.
-fn permutations() -> Vec<[usize; JOINTS]> {
+pub(super) fn permutations() -> Vec<[usize; JOINTS]> {
     fn extend(head: &mut Vec<usize>, out: &mut Vec<[usize; JOINTS]>) {
         if let Ok(p) = <[usize; JOINTS]>::try_from(head.as_slice()) {
             out.push(p);
@@ -211,5 +211,6 @@ mod tests {
         assert_eq!(index(&[0, 1, 2, 3, 4, 5]), 0);
         assert_eq!(index(&[0, 1, 2, 3, 5, 4]), 1);
         assert_eq!(index(&[5, 4, 3, 2, 1, 0]), 719);
+        assert_eq!(permutations().len(), 720);
     }
 }

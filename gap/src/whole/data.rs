@@ -301,6 +301,12 @@ impl Data {
         out
     }
 
+    /// Whether the base was read off a film.
+    pub fn filmed(&self) -> bool {
+        let mut bases = self.runs.iter().filter_map(|r| r.base.as_ref());
+        bases.any(|b| b.filmed.is_some())
+    }
+
     /// Whether any run has the signal that `of` picks, for joint `k`.
     pub fn has(&self, k: usize, of: impl Fn(&JointTracks) -> bool) -> bool {
         self.runs.iter().any(|r| of(&r.joints[k]))

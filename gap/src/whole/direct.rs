@@ -223,11 +223,9 @@ fn supply(data: &Data, out: &mut Vec<Reading>) -> bool {
         return false;
     }
     let column = |i: usize| fits.iter().map(|f| f[i]).collect::<Vec<_>>();
-    // Of few runs the spread is known roughly: Student's t over the normal quantile, to first order in one over the degrees of freedom.
     let error = |v: &[f64], m: f64| {
         let free = (v.len() as f64 - 1.0).max(1.0);
-        let few = 1.0 + 1.2 / free;
-        few * math::rms(&v.iter().map(|x| x - m).collect::<Vec<_>>()) / free.sqrt()
+        math::few(free) * math::rms(&v.iter().map(|x| x - m).collect::<Vec<_>>()) / free.sqrt()
     };
     let (volts, ohms) = (column(0), column(1));
     let (volt, ohm) = (math::mean(&volts), math::median(&ohms));

@@ -11,6 +11,7 @@ use super::inertial;
 use super::search::{Answer, Fit};
 use super::servo::{J, Nominal};
 use super::steady::Change;
+use super::windows;
 use crate::math;
 use crate::verdict::{Ambiguous, Estimate, NextExperiment, Word};
 use crate::vocabulary::{Effect, Stage};
@@ -272,28 +273,47 @@ const REPLAYED: f64 = 0.1;
 /// `estimates` that a sensor with this error, one standard deviation, had a part in.
 fn sensed(mut estimates: BTreeMap<String, Estimate>, error: f64) -> BTreeMap<String, Estimate> {
     for e in estimates.values_mut() {
-        let half = libm::hypot(0.5 * (e.ci95[1] - e.ci95[0]), 1.96 * error);
-        e.ci95 = [e.value - half, e.value + half];
+        widen(e, error);
     }
     estimates
+}
+
+/// Adds an error, one standard deviation.
+fn widen(e: &mut Estimate, error: f64) {
+    let half = libm::hypot(0.5 * (e.ci95[1] - e.ci95[0]), 1.96 * error);
+    e.ci95 = [e.value - half, e.value + half];
+}
+
+/// The body's numbers with the errors that their source adds: a sensor, tolerances, or the way windows are played.
+fn played(
+    effect: Effect,
+    mut own: BTreeMap<String, Estimate>,
+    (sloped, apart_m): (bool, f64),
+) -> BTreeMap<String, Estimate> {
+    match effect {
+        Effect::GroundSlope if sloped => sensed(own, inertial::SLOPE_RAD),
+        // The other bodies' half-spheres differ within their tolerances too.
+        Effect::ComOffset => sensed(own, apart_m),
+        Effect::TorsionalFriction => {
+            own.values_mut().for_each(|e| widen(e, TWISTED * e.value));
+            own
+        }
+        Effect::GroundCompliance => {
+            // Implicit steps damp a spring of their own accord.
+            let stiffness = own.get("stiffness_n_m").map_or(0.0, |e| e.value);
+            let lent = 0.5 * windows::options(false).time_step_s * stiffness;
+            if let Some(e) = own.get_mut("damping_n_s_m") {
+                widen(e, lent);
+            }
+            own
+        }
+        _ => own,
+    }
 }
 
 /// Relative error of a torsional friction: 0.78, 0.77 and 0.91 of the truth where windows are played by a contact solver of as many sweeps
 /// as the simulator's (emulated robots, whose reality has twice as many).
 const TWISTED: f64 = 0.2;
-
-/// `estimates` of which the one called `key` has a further error, one standard deviation, that its value tells.
-fn widened(
-    mut estimates: BTreeMap<String, Estimate>,
-    key: &str,
-    error: impl Fn(f64) -> f64,
-) -> BTreeMap<String, Estimate> {
-    if let Some(e) = estimates.get_mut(key) {
-        let half = libm::hypot(0.5 * (e.ci95[1] - e.ci95[0]), 1.96 * error(e.value));
-        e.ci95 = [e.value - half, e.value + half];
-    }
-    estimates
-}
 
 /// Standard deviations that a rival is worse: likelihood ratio of two fits to errors of unknown size.
 fn margin(ratio: f64, independent: f64) -> f64 {
@@ -339,13 +359,12 @@ fn members(
 /// What explains the loads of all joints as well: a film is too coarse to show whether friction or mass made them larger (emulated
 /// robots: the windows' cost with the one over that with the other is 1.00 to 1.04 whichever is true).
 fn twin(d: &Parts, effect: Effect) -> Option<Rival> {
-    let mut bases = d.data.runs.iter().filter_map(|r| r.base.as_ref());
     let other = match effect {
         Effect::Mass => Effect::GroundFriction,
         Effect::GroundFriction => Effect::Mass,
         _ => return None,
     };
-    bases.any(|b| b.filmed.is_some()).then_some(Rival {
+    d.data.filmed().then_some(Rival {
         effect: other,
         joint: None,
         margin: 0.0,
@@ -432,18 +451,7 @@ fn all(d: &Parts) -> Vec<Item> {
         out.extend(members(&b.answer, Place::Body, |c| {
             let parameters = body_parameters(c.effect, c.joint, d.friction);
             let own = estimates(&parameters, &c.free, last);
-            match c.effect {
-                Effect::GroundSlope if sloped => sensed(own, inertial::SLOPE_RAD),
-                // The other bodies' half-spheres differ within their tolerances too.
-                Effect::ComOffset => sensed(own, apart_m),
-                Effect::TorsionalFriction => widened(own, "coefficient_m", |m| TWISTED * m),
-                Effect::GroundCompliance => {
-                    let stiffness = own.get("stiffness_n_m").map_or(0.0, |e| e.value);
-                    let lent = 0.5 * physics::Options::default().time_step_s * stiffness;
-                    widened(own, "damping_n_s_m", |_| lent)
-                }
-                _ => own,
-            }
+            played(c.effect, own, (sloped, apart_m))
         }));
     }
     if let Some(c) = &d.camera {
@@ -461,7 +469,7 @@ fn all(d: &Parts) -> Vec<Item> {
         }
         None => {}
     }
-    // What the body shows of a joint too stands there, larger.
+    // What body and joint both show of a joint is one row, the body's: there it came out first.
     let on_body: Vec<(Effect, Option<usize>)> = out
         .iter()
         .filter(|i| matches!(i.place, Place::Body(_)))

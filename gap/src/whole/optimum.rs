@@ -1,6 +1,7 @@
 //! What the quadratic at an optimum says: the cost of gaits left out, and how well every free number is known.
 
 use super::least::{Block, solve, total};
+use crate::math;
 
 /// Most folds of gaits.
 const FOLDS: usize = 4;
@@ -105,8 +106,7 @@ impl Optimum<'_> {
             solve(&a, &b)
         };
         let steps: Vec<Vec<f64>> = used.iter().map(step).collect();
-        // Student's t over the normal quantile, to first order in one over the degrees of freedom.
-        let few = 1.0 + 1.2 / (count - 1.0);
+        let few = math::few(count - 1.0);
         let one = |j: usize| {
             let mean = steps.iter().map(|s| s[j]).sum::<f64>() / count;
             let square: f64 = steps.iter().map(|s| (s[j] - mean).powi(2)).sum();

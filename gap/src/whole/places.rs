@@ -43,7 +43,7 @@ fn falls(d: &Parts) -> Vec<Fall> {
             Some(Change::Zero(k)) => (Stage::Conventions, Some(k)),
             _ => own,
         };
-        let odd = b.changes.is_some() || b.off > 1.0;
+        let odd = b.changes.is_some() || b.off > 0.0;
         (own, &b.answer, rest, [odd, false])
     });
     let camera = d.camera.iter().map(|c| {

@@ -60,12 +60,6 @@ pub(super) struct Loads {
 }
 
 impl Seen {
-    /// Whether the base was read off a film.
-    fn filmed(&self) -> bool {
-        let mut bases = self.data.runs.iter().filter_map(|r| r.base.as_ref());
-        bases.any(|b| b.filmed.is_some())
-    }
-
     /// Whether `effect` was read off.
     fn reads(&self, effect: Effect) -> bool {
         self.direct.iter().any(|r| r.effect == effect)
@@ -135,7 +129,7 @@ impl Task<'_> {
         if let Some(mut body) = seen.body.take() {
             if body.changes.is_none() {
                 let (ratio, read) =
-                    friction::settle(&mut body, self.model, seen.filmed(), |with| {
+                    friction::settle(&mut body, self.model, seen.data.filmed(), |with| {
                         let loads = loads::replay(&seen.data, &mut windows.clone(), with);
                         (0..JOINTS)
                             .filter_map(|k| self.tier(seen, k, &loads))
@@ -206,7 +200,7 @@ impl Task<'_> {
             let there = replay.ratio(b, &mut loads.windows.clone(), friction);
             (there - 1.0) / (m.estimate.value - 1.0) > STAYS
         });
-        let rough = seen.filmed();
+        let rough = seen.data.filmed();
         let slips = seen.reads(Effect::GroundFriction)
             || seen.holds(|c| c.effect == Effect::GroundFriction);
         let mut body = seen.body.take();

@@ -123,8 +123,7 @@ fn measured(d: &Parts, e: Effect) -> Option<String> {
 pub(super) fn unseen(d: &Parts, settings: &Settings) -> Vec<Unseen> {
     let torque = d.joints.iter().any(|f| f.tier.torque);
     let found = items(d);
-    let mut bases = d.data.runs.iter().filter_map(|r| r.base.as_ref());
-    let filmed = bases.any(|b| b.filmed.is_some());
+    let filmed = d.data.filmed();
     let mut out = Vec::new();
     for e in Effect::ALL
         .iter()

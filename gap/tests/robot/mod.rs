@@ -28,6 +28,8 @@ pub(crate) struct Plan {
     pub(crate) link: bool,
     /// Columns of the set-points as each joint's driver echoes them.
     pub(crate) echo: bool,
+    /// Column that joint `k` stands in, set-points and readings alike.
+    pub(crate) columns: [usize; 6],
 }
 
 impl Default for Plan {
@@ -41,6 +43,7 @@ impl Default for Plan {
             effort: true,
             link: false,
             echo: false,
+            columns: [0, 1, 2, 3, 4, 5],
         }
     }
 }
@@ -135,7 +138,7 @@ fn csv(
     rng: &mut Rng,
 ) -> String {
     let mut s = String::from("t_s");
-    for k in 0..6 {
+    for k in plan.columns {
         let _ = write!(s, ",setpoint_rad_{k},position_rad_{k}");
         if plan.echo {
             let _ = write!(s, ",applied_setpoint_rad_{k}");
