@@ -14,6 +14,8 @@ const DENSE: usize = 20;
 /// Error of a fitted value as a share of its distance from the neutral one: two honest simulators of one law differ by this (time step,
 /// sweeps; emulated robots).
 const LAW: f64 = 0.02;
+/// Standard deviations within which a number may be none.
+const NONE: f64 = 1.96;
 /// Normal equations by group, weight of the priors, and the priors.
 type Quadratic = (Vec<Block>, f64, Vec<(f64, f64)>);
 
@@ -372,7 +374,8 @@ impl<E: Evaluate> Search<'_, E> {
             .map(|r| &r.fit)
             .filter(|f| last.held_out - f.held_out > self.threshold(last) || self.plainly(f, last))
             .min_by(|a, b| a.held_out.total_cmp(&b.held_out));
-        if let Some(better) = better.cloned() {
+        let simpler = || self.simpler(last, &rivals);
+        if let Some(better) = better.or_else(simpler).cloned() {
             rivals = rivals_of(&better);
             steps.push(better);
         }
@@ -403,6 +406,27 @@ impl<E: Evaluate> Search<'_, E> {
             nominal_groups: group_costs(&self.model.residuals(&nominal)),
             nominal,
         }
+    }
+
+    /// The fit with a rival that has some of a member's numbers, where those that the member has besides are none as well.
+    fn simpler<'r>(&self, fit: &Fit, rivals: &'r [Vec<Rival>]) -> Option<&'r Fit> {
+        let none = |i: &usize| {
+            let off = (fit.theta[*i] - self.coordinates[*i].neutral).abs();
+            off <= NONE * fit.spread[*i]
+        };
+        let part = |own: &[usize], r: &Rival| {
+            let held = &self.candidates[r.candidate].free;
+            let besides = own.iter().filter(|i| !held.contains(i));
+            held.len() < own.len()
+                && held.iter().all(|i| own.contains(i))
+                && besides.into_iter().all(none)
+        };
+        let of = |(m, all): (&usize, &'r Vec<Rival>)| {
+            let own = &self.candidates[*m].free;
+            all.iter().find(|r| part(own, r))
+        };
+        let found = fit.members.iter().zip(rivals).find_map(of)?;
+        Some(&found.fit)
     }
 
     /// Whether `fit` is much better than `other` with hardly more numbers: held-out costs are taken to first order only.
