@@ -37,6 +37,7 @@ mod replay;
 mod rivals;
 mod rough;
 mod score;
+mod screen;
 mod search;
 mod servo;
 mod stages;

@@ -92,6 +92,10 @@ struct Target {
 /// Covariance of the numbers of a window without the floor, and the way to each instant, m.
 type Spread = (Vec<f64>, [f64; SAMPLES]);
 
+/// Candidates are ranked by at least this many windows, and by one in so many at least.
+const GLIMPSE: usize = 50;
+const THINNEST: usize = 3;
+
 /// Numbers compared in a window.
 pub(super) const NUMBERS: usize = 6 * SAMPLES;
 /// Directions in which the start of a window may be wrong: pose and twist.
@@ -452,12 +456,22 @@ impl Tier {
         errors
     }
 
+    /// Errors of every `thin`-th window by group.
+    fn residuals_of(&self, theta: &[f64], thin: usize) -> Vec<Vec<f64>> {
+        let outcomes = windows::run(&self.trials_of(theta, thin), &windows::options(false));
+        let mut out = vec![Vec::new(); self.groups];
+        for (w, o) in (0..self.len()).step_by(thin).zip(&outcomes) {
+            out[self.group[w]].extend(self.errors_of(w, o));
+        }
+        out
+    }
+
     /// Mean square of the errors of every `thin`-th window.
     pub(super) fn thinned(&self, theta: &[f64], thin: usize) -> f64 {
-        let outcomes = windows::run(&self.trials_of(theta, thin), &windows::options(false));
-        let seen = (0..self.windows.len()).step_by(thin).zip(&outcomes);
-        let squares: Vec<f64> = seen
-            .flat_map(|(w, o)| self.errors_of(w, o))
+        let squares: Vec<f64> = self
+            .residuals_of(theta, thin)
+            .concat()
+            .iter()
             .map(|x| x * x)
             .collect();
         math::mean(&squares)
@@ -559,11 +573,10 @@ fn temper(errors: &mut [f64]) {
 
 impl Evaluate for Tier {
     fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>> {
-        let outcomes = windows::run(&self.trials(theta), &windows::options(false));
-        let mut out = vec![Vec::new(); self.groups];
-        for (w, (o, g)) in outcomes.iter().zip(&self.group).enumerate() {
-            out[*g].extend(self.errors_of(w, o));
-        }
-        out
+        self.residuals_of(theta, 1)
+    }
+
+    fn glimpse(&self, theta: &[f64]) -> Vec<Vec<f64>> {
+        self.residuals_of(theta, (self.len() / GLIMPSE).clamp(1, THINNEST))
     }
 }

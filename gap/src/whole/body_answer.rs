@@ -161,11 +161,17 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
     }
     let (c, k) = (&coordinates[..], &candidates[..]);
     let first = Searched::over(&tier, c, k).glance(&start);
-    if !first.members.is_empty() {
+    if let Glance::Found(first) = &first {
         // In another posture or on another ground a start matters otherwise.
         tier.measure(data, &first.theta);
     }
-    let mut answer = Searched::over(&tier, c, k).seek(&start, None);
+    let mut answer = {
+        let searched = Searched::over(&tier, c, k);
+        match first {
+            Glance::Found(_) => searched.seek(&start, None),
+            Glance::Nothing(base, nearest) => searched.nothing(base, nearest),
+        }
+    };
     let mut sure = telling(&tier, &answer);
     // Wider than two honest engines differ only where a remainder would be claimed.
     while answer.last().cost > (if tier.exact() { FOREIGN } else { REMAINDER }) && tier.widen() {
@@ -209,6 +215,12 @@ fn telling(tier: &Tier, answer: &Answer) -> Option<Fit> {
     let last = answer.last();
     let found = !last.members.is_empty();
     (found && ends(&last.theta) < NEARER * ends(&answer.steps[0].theta)).then(|| last.clone())
+}
+
+/// What a first look has found: an effect, or the calibrated nominal body and the gain over its threshold of the best candidate.
+enum Glance {
+    Found(Fit),
+    Nothing(Fit, f64),
 }
 
 /// What is searched.
@@ -269,17 +281,27 @@ impl<'a> Searched<'a> {
     }
 
     /// The first effect, if any: enough to know where windows are to be measured.
-    fn glance(&self, start: &[f64]) -> Fit {
+    fn glance(&self, start: &[f64]) -> Glance {
         let search = self.search();
-        match self.sloped() {
-            Some(c) => search.fit(start, &[c], 3),
-            None => search.first(search.fit(&self.nominal(), &[], 3)),
+        if let Some(c) = self.sloped() {
+            return Glance::Found(search.fit(start, &[c], 3));
         }
+        let base = search.fit(&self.nominal(), &[], 3);
+        match search.first(&base) {
+            (Some(found), _) => Glance::Found(found),
+            (None, nearest) => Glance::Nothing(base, nearest),
+        }
+    }
+
+    /// The answer where a glance has found nothing.
+    fn nothing(&self, base: Fit, nearest: f64) -> Answer {
+        let nominal = self.nominal();
+        let answer = self.search().told((vec![base], nearest), &nominal, &[]);
+        self.calibrated(answer)
     }
 
     /// One search, from the slope that is known and from what is `sure`.
     fn seek(&self, start: &[f64], sure: Option<&Fit>) -> Answer {
-        let tier = self.tier;
         let nominal = self.nominal();
         let search = self.search();
         let sloped = self.sloped();
@@ -289,10 +311,14 @@ impl<'a> Searched<'a> {
             (None, None) => None,
         };
         let base = search.fit(&nominal, &[], 3);
-        let mut answer = search.answer_with(base, nominal.clone(), first);
-        if !worth(tier, &answer, &nominal) {
-            let plain = search.fit(&nominal, &[], 0);
-            answer.steps[0] = plain;
+        let answer = search.answer_with(base, nominal, first);
+        self.calibrated(answer)
+    }
+
+    /// `answer` without its calibration where that is worth nothing.
+    fn calibrated(&self, mut answer: Answer) -> Answer {
+        if !worth(self.tier, &answer, &answer.nominal) {
+            answer.steps[0] = self.search().fit(&answer.nominal, &[], 0);
         }
         answer
     }

@@ -4,12 +4,9 @@
 
 use rayon::prelude::*;
 
-use super::least::{Block, add, blocks, cost, group_costs, solve, total};
+use super::least::{Block, blocks, cost, group_costs, solve, total};
 use super::optimum::Optimum;
 pub(super) use super::terms::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Rival};
-
-/// A candidate with more starts than this is searched by its starts alone.
-const DENSE: usize = 20;
 
 /// Error of a fitted value as a share of its distance from the neutral one: two honest simulators of one law differ by this (time step,
 /// sweeps; emulated robots).
@@ -28,7 +25,7 @@ pub(super) struct Search<'a, E: Evaluate> {
 }
 
 impl<E: Evaluate> Search<'_, E> {
-    fn free(&self, members: &[usize]) -> Vec<usize> {
+    pub(super) fn free(&self, members: &[usize]) -> Vec<usize> {
         let mut out: Vec<usize> = (0..self.coordinates.len())
             .filter(|i| self.coordinates[*i].sigma > 0.0)
             .collect();
@@ -60,12 +57,17 @@ impl<E: Evaluate> Search<'_, E> {
         ]
     }
 
-    fn prior_weight(&self, cost: f64) -> f64 {
+    pub(super) fn prior_weight(&self, cost: f64) -> f64 {
         cost.max(self.limits.floor) / self.limits.independent
     }
 
     /// Prior pull of `free` at `theta`: diagonal and gradient of `sum z^2`.
-    fn prior(&self, members: &[usize], free: &[usize], theta: &[f64]) -> Vec<(f64, f64)> {
+    pub(super) fn prior(
+        &self,
+        members: &[usize],
+        free: &[usize],
+        theta: &[f64],
+    ) -> Vec<(f64, f64)> {
         free.iter()
             .map(|i| {
                 let c = &self.coordinates[*i];
@@ -93,6 +95,16 @@ impl<E: Evaluate> Search<'_, E> {
     }
 
     fn jacobian(&self, theta: &[f64], free: &[usize]) -> (Vec<Vec<Vec<f64>>>, Vec<f64>) {
+        self.slopes(theta, free, &|t| self.model.residuals(t))
+    }
+
+    /// Residuals as `seen` after a step of each of the `free`, and the steps.
+    pub(super) fn slopes(
+        &self,
+        theta: &[f64],
+        free: &[usize],
+        seen: &(impl Fn(&[f64]) -> Vec<Vec<f64>> + Sync),
+    ) -> (Vec<Vec<Vec<f64>>>, Vec<f64>) {
         let steps: Vec<f64> = free
             .iter()
             .map(|i| {
@@ -110,7 +122,7 @@ impl<E: Evaluate> Search<'_, E> {
             .map(|(i, h)| {
                 let mut t = theta.to_vec();
                 t[*i] += h;
-                self.model.residuals(&t)
+                seen(&t)
             })
             .collect();
         (columns, steps)
@@ -247,76 +259,6 @@ impl<E: Evaluate> Search<'_, E> {
             .max(self.limits.relative * base.held_out)
     }
 
-    /// Cost of every start of every open candidate, the free coordinates adapted to first order; best first.
-    fn screen(&self, base: &Fit, open: &[usize]) -> Vec<(usize, Vec<f64>, f64)> {
-        let free = self.free(&base.members);
-        let (columns, steps) = self.jacobian(&base.theta, &free);
-        let r0 = self.model.residuals(&base.theta);
-        let prior = self.prior(&base.members, &free, &base.theta);
-        let mut tasks = Vec::new();
-        for c in open {
-            for s in &self.candidates[*c].starts {
-                tasks.push((*c, s.clone()));
-            }
-        }
-        let mut out: Vec<(usize, Vec<f64>, f64)> = tasks
-            .into_par_iter()
-            .map(|(c, start)| {
-                let mut t = base.theta.clone();
-                for (i, v) in self.candidates[c].free.iter().zip(&start) {
-                    t[*i] = *v;
-                }
-                let r = self.model.residuals(&t);
-                // Columns at the base point serve here too: only their differences enter.
-                let mut all: Vec<Vec<Vec<f64>>> =
-                    columns.iter().map(|col| add(col, &r0, &r)).collect();
-                let mut moved = free.clone();
-                let mut steps = steps.clone();
-                // A dense grid of starts means a number that no slope leads to.
-                let own: Vec<usize> = if self.candidates[c].starts.len() > DENSE {
-                    Vec::new()
-                } else {
-                    let own = self.candidates[c].free.iter().copied();
-                    own.filter(|i| !free.contains(i)).collect()
-                };
-                if let [i] = own.as_slice() {
-                    // The secant from here is slope enough for one number.
-                    all.push(r0.clone());
-                    steps.push(base.theta[*i] - t[*i]);
-                } else {
-                    let (more, h) = self.jacobian(&t, &own);
-                    all.extend(more);
-                    steps.extend(h);
-                }
-                moved.extend(own);
-                let blocks = blocks(&r, &all, &steps);
-                let (mut a, mut b, cost, groups) = total(&blocks, &|_| true);
-                let n = moved.len();
-                let weight = self.prior_weight(base.cost) * groups;
-                for j in 0..n {
-                    a[j * n + j] += 1e-15;
-                    if let Some(p) = prior
-                        .get(j)
-                        .filter(|_| !self.candidates[c].free.contains(&moved[j]))
-                    {
-                        a[j * n + j] += weight * p.0;
-                        b[j] += weight * p.1;
-                    }
-                    a[j * n + j] *= 1.001;
-                }
-                let d = solve(&a, &b);
-                let gain: f64 = d.iter().zip(&b).map(|(x, y)| x * y).sum();
-                for (i, d) in moved.iter().zip(&d).skip(free.len()) {
-                    let range = self.coordinates[*i].range;
-                    t[*i] = (t[*i] - d).clamp(range[0], range[1]);
-                }
-                (c, t, ((cost - gain) / groups.max(1.0)).max(0.0))
-            })
-            .collect();
-        out.sort_by(|a, b| a.2.total_cmp(&b.2));
-        out
-    }
-
     /// Forward selection, then backward pruning of all but the members of `sure`; the steps, and the gain of the best candidate that
     /// was not taken, over its threshold.
     fn run(&self, base: Fit, sure: Option<Fit>) -> (Vec<Fit>, f64) {
@@ -341,10 +283,9 @@ impl<E: Evaluate> Search<'_, E> {
         (steps, nearest)
     }
 
-    /// `base` with the first effect that is believed.
-    pub(super) fn first(&self, base: Fit) -> Fit {
-        let first = base.held_out;
-        self.forward(&base, first).0.unwrap_or(base)
+    /// The first effect that is believed beside `base`, if any, and the gain over its threshold of the best that is not.
+    pub(super) fn first(&self, base: &Fit) -> (Option<Fit>, f64) {
+        self.forward(base, base.held_out)
     }
 
     /// Selection, rivals, and every effect alone and removed.
@@ -355,7 +296,18 @@ impl<E: Evaluate> Search<'_, E> {
     /// The same with a fit whose members other evidence has shown.
     pub(super) fn answer_with(&self, base: Fit, nominal: Vec<f64>, sure: Option<Fit>) -> Answer {
         let shown = sure.as_ref().map_or_else(Vec::new, |s| s.members.clone());
-        let (mut steps, nearest) = self.run(base, sure);
+        let found = self.run(base, sure);
+        self.told(found, &nominal, &shown)
+    }
+
+    /// Rivals, and every effect alone and removed, of the steps of a selection; `nearest` is the gain over its threshold of the best candidate
+    /// that was not taken, `shown` what other evidence has shown.
+    pub(super) fn told(
+        &self,
+        (mut steps, nearest): (Vec<Fit>, f64),
+        nominal: &[f64],
+        shown: &[usize],
+    ) -> Answer {
         // What other evidence has shown has no rivals.
         let own = |fit: &Fit, m: usize| {
             if shown.contains(&m) {
@@ -403,8 +355,8 @@ impl<E: Evaluate> Search<'_, E> {
             removed_alone,
             steps,
             limits: self.limits,
-            nominal_groups: group_costs(&self.model.residuals(&nominal)),
-            nominal,
+            nominal_groups: group_costs(&self.model.residuals(nominal)),
+            nominal: nominal.to_vec(),
         }
     }
 
@@ -453,10 +405,9 @@ impl<E: Evaluate> Search<'_, E> {
         let mut seen = Vec::new();
         let mut best: Option<Fit> = None;
         let mut nearest = 0.0f64;
-        for (c, theta, screened) in self.screen(base, &open) {
-            if seen.contains(&c)
-                || seen.len() >= self.limits.refined
-                || screened > base.cost - 0.3 * least
+        let (screened, from) = self.screen(base, &open);
+        for (c, theta, there) in screened {
+            if seen.contains(&c) || seen.len() >= self.limits.refined || there > from - 0.3 * least
             {
                 continue;
             }
@@ -471,27 +422,6 @@ impl<E: Evaluate> Search<'_, E> {
             }
         }
         (best, nearest)
-    }
-
-    /// For a candidate that is searched by starts: the best of a fine scan around `theta`.
-    fn scanned(&self, theta: &[f64], c: usize) -> Vec<f64> {
-        let candidate = &self.candidates[c];
-        let (true, [i]) = (candidate.starts.len() > DENSE, candidate.free.as_slice()) else {
-            return theta.to_vec();
-        };
-        let tries: Vec<(Vec<f64>, f64)> = (-8..=8)
-            .into_par_iter()
-            .map(|k| {
-                let mut t = theta.to_vec();
-                t[*i] *= 1.0 + 0.0025 * f64::from(k);
-                let cost = cost(&self.model.residuals(&t));
-                (t, cost)
-            })
-            .collect();
-        tries
-            .into_iter()
-            .min_by(|a, b| a.1.total_cmp(&b.1))
-            .map_or_else(|| theta.to_vec(), |t| t.0)
     }
 
     fn believed(&self, base: &Fit, fit: &Fit, c: usize, least: f64) -> bool {
@@ -568,7 +498,7 @@ impl<E: Evaluate> Search<'_, E> {
             x.len() <= own.free.len() || !own.free.iter().all(|i| x.contains(i))
         });
         let mut out: Vec<Rival> = Vec::new();
-        for (c, theta, _) in self.screen(&without, &open) {
+        for (c, theta, _) in self.screen(&without, &open).0 {
             if out.len() >= most {
                 break;
             }

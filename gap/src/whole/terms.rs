@@ -6,6 +6,11 @@ use crate::vocabulary::Effect;
 pub(super) trait Evaluate: Sync {
     /// Residuals by group (gait) in units of their tolerances; the same lengths for every `theta`.
     fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>>;
+
+    /// Some of them, evenly chosen: enough to rank candidates.
+    fn glimpse(&self, theta: &[f64]) -> Vec<Vec<f64>> {
+        self.residuals(theta)
+    }
 }
 
 /// One number that may be moved.

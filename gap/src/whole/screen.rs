@@ -1,0 +1,104 @@
+//! A first look at every candidate: one step of least squares from each of its starts.
+
+use rayon::prelude::*;
+
+use super::least::{add, blocks, cost, solve, total};
+use super::search::Search;
+use super::terms::{Evaluate, Fit};
+
+/// A candidate with more starts than this is searched by its starts alone.
+const DENSE: usize = 20;
+
+impl<E: Evaluate> Search<'_, E> {
+    /// Cost at a glimpse of every start of every open candidate, the free coordinates adapted to first order; best first. And that of `base`.
+    pub(super) fn screen(&self, base: &Fit, open: &[usize]) -> (Vec<(usize, Vec<f64>, f64)>, f64) {
+        let free = self.free(&base.members);
+        let glimpse = |t: &[f64]| self.model.glimpse(t);
+        let (columns, steps) = self.slopes(&base.theta, &free, &glimpse);
+        let r0 = glimpse(&base.theta);
+        let prior = self.prior(&base.members, &free, &base.theta);
+        let mut tasks = Vec::new();
+        for c in open {
+            for s in &self.candidates[*c].starts {
+                tasks.push((*c, s.clone()));
+            }
+        }
+        let mut out: Vec<(usize, Vec<f64>, f64)> = tasks
+            .into_par_iter()
+            .map(|(c, start)| {
+                let mut t = base.theta.clone();
+                for (i, v) in self.candidates[c].free.iter().zip(&start) {
+                    t[*i] = *v;
+                }
+                let r = glimpse(&t);
+                // Columns at the base point serve here too: only their differences enter.
+                let mut all: Vec<Vec<Vec<f64>>> =
+                    columns.iter().map(|col| add(col, &r0, &r)).collect();
+                let mut moved = free.clone();
+                let mut steps = steps.clone();
+                // A dense grid of starts means a number that no slope leads to.
+                let own: Vec<usize> = if self.candidates[c].starts.len() > DENSE {
+                    Vec::new()
+                } else {
+                    let own = self.candidates[c].free.iter().copied();
+                    own.filter(|i| !free.contains(i)).collect()
+                };
+                if let [i] = own.as_slice() {
+                    // The secant from here is slope enough for one number.
+                    all.push(r0.clone());
+                    steps.push(base.theta[*i] - t[*i]);
+                } else {
+                    let (more, h) = self.slopes(&t, &own, &glimpse);
+                    all.extend(more);
+                    steps.extend(h);
+                }
+                moved.extend(own);
+                let blocks = blocks(&r, &all, &steps);
+                let (mut a, mut b, cost, groups) = total(&blocks, &|_| true);
+                let n = moved.len();
+                let weight = self.prior_weight(base.cost) * groups;
+                for j in 0..n {
+                    a[j * n + j] += 1e-15;
+                    if let Some(p) = prior
+                        .get(j)
+                        .filter(|_| !self.candidates[c].free.contains(&moved[j]))
+                    {
+                        a[j * n + j] += weight * p.0;
+                        b[j] += weight * p.1;
+                    }
+                    a[j * n + j] *= 1.001;
+                }
+                let d = solve(&a, &b);
+                let gain: f64 = d.iter().zip(&b).map(|(x, y)| x * y).sum();
+                for (i, d) in moved.iter().zip(&d).skip(free.len()) {
+                    let range = self.coordinates[*i].range;
+                    t[*i] = (t[*i] - d).clamp(range[0], range[1]);
+                }
+                (c, t, ((cost - gain) / groups.max(1.0)).max(0.0))
+            })
+            .collect();
+        out.sort_by(|a, b| a.2.total_cmp(&b.2));
+        (out, cost(&r0))
+    }
+
+    /// For a candidate that is searched by starts: the best of a fine scan around `theta`.
+    pub(super) fn scanned(&self, theta: &[f64], c: usize) -> Vec<f64> {
+        let candidate = &self.candidates[c];
+        let (true, [i]) = (candidate.starts.len() > DENSE, candidate.free.as_slice()) else {
+            return theta.to_vec();
+        };
+        let tries: Vec<(Vec<f64>, f64)> = (-8..=8)
+            .into_par_iter()
+            .map(|k| {
+                let mut t = theta.to_vec();
+                t[*i] *= 1.0 + 0.0025 * f64::from(k);
+                let cost = cost(&self.model.residuals(&t));
+                (t, cost)
+            })
+            .collect();
+        tries
+            .into_iter()
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .map_or_else(|| theta.to_vec(), |t| t.0)
+    }
+}
