@@ -101,7 +101,7 @@ fn odd(d: &Parts) -> f64 {
         .joints
         .iter()
         .filter(|f| f.odd)
-        .map(|f| (f.law / open::LAW).max(1.0));
+        .map(|f| (f.law.share / open::LAW).max(1.0));
     let flags = [
         if broken { BROKEN } else { 0.0 },
         if unsteady { UNSTEADY } else { 0.0 },

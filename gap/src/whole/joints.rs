@@ -7,7 +7,8 @@ use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::joint_library::{TIMING_S, candidates, coordinates};
 use super::last_word::{doubted, limited};
-use super::loads::Moments;
+use super::loads::{JOINTLY, Moments};
+use super::open::Law;
 use super::search::{Answer, Coordinate, Evaluate, Fit, Limits, Search};
 use super::servo::{self, J, JointRun, Load, Nominal, Trace};
 use super::{open, regime};
@@ -37,6 +38,8 @@ pub(super) struct Tier {
     groups: usize,
     /// One over the tolerance of angle, torque, twist; 0 = not compared.
     weight: [f64; 3],
+    /// Largest tolerance of the torque, N m.
+    most_nm: f64,
     /// Tolerance of the angle, rad.
     pub(super) tolerance_rad: f64,
     /// The part of it that no model has a share in, and the spread of the angle, rad.
@@ -282,6 +285,7 @@ impl Tier {
             group,
             runs,
             weight,
+            most_nm: f64::INFINITY,
             tolerance_rad,
             noise_rad,
             spread_rad,
@@ -292,17 +296,26 @@ impl Tier {
         })
     }
 
-    /// Tolerance of torques from what the calibrated nominal model leaves: replayed loads are as good as they are.
-    fn weigh_torque(&mut self, theta: &[f64]) {
-        let mut left = Vec::new();
+    /// Standard deviations of what `theta` leaves of angle and torque, rad and N m, by the fifth of the samples that it leaves most of; no torque
+    /// where none was measured.
+    fn left(&self, theta: &[f64]) -> (f64, Option<f64>) {
+        let (mut angles, mut torques) = (Vec::new(), Vec::new());
         let mut trace = Trace::default();
         for run in &self.runs {
             servo::simulate(run, &self.nominal, theta, &mut trace);
-            left.extend(servo::errors(&trace.effort, &run.effort).map(f64::abs));
+            angles.extend(servo::errors(&trace.position, &run.position).map(f64::abs));
+            torques.extend(servo::errors(&trace.effort, &run.effort).map(f64::abs));
         }
-        if !left.is_empty() {
-            // Four fifths of normal errors lie within 1.282 standard deviations.
-            self.weight[1] = self.weight[1].min(1.282 / math::quantile(&left, 0.8).max(1e-3));
+        // Four fifths of normal errors lie within 1.282 standard deviations.
+        let deviation = |v: &[f64]| math::quantile(v, 0.8) / 1.282;
+        let torque = (!torques.is_empty()).then(|| deviation(&torques));
+        (deviation(&angles), torque)
+    }
+
+    /// Tolerance of torques from what the calibrated nominal model leaves: replayed loads are as good as they are.
+    fn weigh_torque(&mut self, theta: &[f64]) {
+        if let (_, Some(nm)) = self.left(theta) {
+            self.weight[1] = self.weight[1].min(1.0 / nm.clamp(1e-3, self.most_nm.max(1e-3)));
         }
     }
 
@@ -381,8 +394,8 @@ impl Evaluate for Tier {
 pub(super) struct Found {
     pub(super) tier: Tier,
     pub(super) answer: Answer,
-    /// Share of what is left that general features of the motion predict.
-    pub(super) law: f64,
+    /// What general features of the motion predict of what is left.
+    pub(super) law: Law,
     /// How many times as much as those features the effects found leave; 0 without effects.
     rival: f64,
     /// What is left follows a law that the library does not hold.
@@ -420,13 +433,16 @@ fn limits(tier: &Tier) -> Limits {
     }
 }
 
-/// Sets the tolerances of the angles from what the calibrated nominal model leaves: the share of a joint's motion that it leaves in most
+/// Sets the tolerances from what the calibrated nominal model leaves: the share of a joint's motion, and the torque, that it leaves in most
 /// joints is the error of the model; an effect sits in few.
 pub(super) fn calibrate(tiers: &mut [Tier], model: &Model, conventions: &Conventions) {
     // Of six joints the third best: three may have an effect.
     const MOST: f64 = 0.4;
     // The error of one joint beside another's.
     const ROOM: f64 = 1.5;
+    // Torques of six joints without a cause: 0.06 N m at the ends, 0.17 N m where the robot hinges (emulated robots); the fourth best is 0.09 N m.
+    const MOST_NM: f64 = 0.6;
+    const ROOM_NM: f64 = 2.5;
     let left = |tier: &Tier| {
         let (coordinates, nominal) = start(tier, model, conventions);
         let search = Search {
@@ -436,16 +452,12 @@ pub(super) fn calibrate(tiers: &mut [Tier], model: &Model, conventions: &Convent
             limits: limits(tier),
         };
         let base = search.fit(&nominal, &[], 4);
-        let mut trace = Trace::default();
-        let mut errors = Vec::new();
-        for run in &tier.runs {
-            servo::simulate(run, &tier.nominal, &base.theta, &mut trace);
-            errors.extend(servo::errors(&trace.position, &run.position).map(f64::abs));
-        }
-        // Four fifths of normal errors lie within 1.282 standard deviations.
-        math::quantile(&errors, 0.8) / 1.282 / tier.spread_rad.max(1e-3)
+        let (angle_rad, torque_nm) = tier.left(&base.theta);
+        (angle_rad / tier.spread_rad.max(1e-3), torque_nm)
     };
-    let shares: Vec<f64> = tiers.par_iter().map(left).collect();
+    let all: Vec<(f64, Option<f64>)> = tiers.par_iter().map(left).collect();
+    let shares: Vec<f64> = all.iter().map(|l| l.0).collect();
+    let torques: Vec<f64> = all.iter().filter_map(|l| l.1).collect();
     let share = ROOM * math::quantile(&shares, MOST);
     for tier in tiers {
         tier.tolerance_rad =
@@ -453,6 +465,9 @@ pub(super) fn calibrate(tiers: &mut [Tier], model: &Model, conventions: &Convent
         tier.weight[0] = 1.0 / tier.tolerance_rad;
         if tier.weight[2] > 0.0 {
             tier.weight[2] = 1.0 / (2.0_f64.sqrt() * tier.tolerance_rad);
+        }
+        if torques.len() >= JOINTLY {
+            tier.most_nm = ROOM_NM * math::quantile(&torques, MOST_NM);
         }
     }
 }
@@ -534,15 +549,18 @@ pub(super) fn diagnose(
     }
 }
 
-/// Marks the joints whose remainder follows a law: one that several joints show comes from the loads, which the body shares.
-pub(super) fn mark(found: &mut [Found]) {
+/// Marks the joints whose remainder follows a law: one that several joints show comes from the loads, which the body shares; and so does a small
+/// one where the loads are `replayed`.
+pub(super) fn mark(found: &mut [Found], replayed: bool) {
     // Laws of one joint are six times those of the next (emulated robots), of a ground that was taken for another 1.6 times.
     const APART: f64 = 2.0;
-    let laws: Vec<f64> = found.iter().map(|f| f.law).collect();
+    let least_nm = if replayed { open::LEAST_NM } else { 0.0 };
+    let laws: Vec<f64> = found.iter().map(|f| f.law.share).collect();
     for (k, f) in found.iter_mut().enumerate() {
         let others = laws.iter().enumerate().filter(|l| l.0 != k);
         let next = others.map(|l| *l.1).fold(0.0, f64::max);
-        f.odd = f.law > open::LAW && f.law > APART * next;
+        let law = f.law.share;
+        f.odd = law > open::LAW && law > APART * next && f.law.size_nm > least_nm;
         if f.odd && f.rest != Stage::Transmission {
             // Laws are those of torques.
             f.rest = Stage::Drivetrain;

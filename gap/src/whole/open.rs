@@ -13,6 +13,9 @@ use super::servo::{self, Left, Trace};
 /// Emulated robots: at most 0.09 on nulls, 0.2 where another joint's effect spoils the replayed loads, 0.24 and more where a spring yields
 /// or friction depends on the place.
 pub(super) const LAW: f64 = 0.2;
+/// Size below which a law under replayed loads is their error, N m: 0.04 and 0.09 where a spring of the connector or a soft ground spoils them, 0.17
+/// and more where a joint's own law does (emulated robots).
+pub(super) const LEAST_NM: f64 = 0.12;
 /// How many times as much as a law effects may leave.
 pub(super) const RIVAL: f64 = 1.3;
 /// Periods per turn that are tried, and widths of stop operators, rad.
@@ -105,16 +108,34 @@ fn largest(samples: &[(usize, Left)]) -> f64 {
     best
 }
 
-/// The largest share of a joint's remainder that any law predicts.
-pub(super) fn law(tier: &Tier, theta: &[f64]) -> f64 {
-    largest(&left(tier, theta))
+/// A law in what a model leaves of a joint's torque.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Law {
+    /// Share of the squares of gaits left out that it predicts.
+    pub(super) share: f64,
+    /// Its size, root mean square, N m.
+    pub(super) size_nm: f64,
+}
+
+/// The law that predicts the largest share of a joint's remainder.
+pub(super) fn law(tier: &Tier, theta: &[f64]) -> Law {
+    let samples = left(tier, theta);
+    let share = largest(&samples);
+    let mean = squares(&samples) / samples.len().max(1) as f64;
+    Law {
+        share,
+        size_nm: (mean * share.max(0.0)).sqrt(),
+    }
+}
+
+/// Sum of the squares of the torques, (N m)2.
+fn squares(samples: &[(usize, Left)]) -> f64 {
+    samples.iter().map(|s| s.1.torque_nm.powi(2)).sum()
 }
 
 /// How many times as much as the best law the effects in `theta` leave of the torque that the calibrated nominal model `base` leaves: above
 /// one a law that the library does not hold explains more than all of them together.
 pub(super) fn rival(tier: &Tier, base: &[f64], theta: &[f64]) -> f64 {
-    let squares =
-        |samples: &[(usize, Left)]| -> f64 { samples.iter().map(|s| s.1.torque_nm.powi(2)).sum() };
     let before = left(tier, base);
     let effects = squares(&left(tier, theta)) / squares(&before).max(1e-12);
     effects / (1.0 - largest(&before)).max(1e-3)

@@ -169,7 +169,7 @@ impl Task<'_> {
             .into_par_iter()
             .map(|tier| joints::diagnose(tier, self.model, &seen.conventions, withhold))
             .collect();
-        joints::mark(&mut found);
+        joints::mark(&mut found, seen.body.is_some());
         found
     }
 
