@@ -78,7 +78,7 @@ const FLOOR_BLIND: [f64; 3] = [1.0e-3, 0.03, 6.0e-3];
 /// From the narrowest to the widest, which is for robots whose contacts follow another law than the simulator's.
 const FLOORS: [[f64; 3]; 3] = [FLOOR, FLOOR_BLIND, [2.0e-3, 0.06, 12.0e-3]];
 /// Grounds on which windows are measured, 1 / stiffness of a contact point, m/N: hard, then from firm foam to soft.
-const SOFTER: [f64; 4] = [0.0, 3e-4, 1e-3, 3e-3];
+pub(super) const SOFTER: [f64; 4] = [0.0, 3e-4, 1e-3, 3e-3];
 /// Windows whose end moves by more than this under a disturbed start are left out, m: they are about to tip.
 const CHAOTIC_M: f64 = 0.02;
 
@@ -199,7 +199,7 @@ impl Tier {
 
     /// Measures how windows depend on their start, on a ground soft enough that most of them can be told: on soft ground the feet
     /// stand in it, from where a hard one throws the robot.
-    fn settle(&mut self, data: &Data, mut theta: Vec<f64>) {
+    pub(super) fn settle(&mut self, data: &Data, mut theta: Vec<f64>) {
         for give in SOFTER {
             theta[B::GroundGive as usize] = give;
             self.measure(data, &theta);
@@ -466,15 +466,9 @@ impl Tier {
         out
     }
 
-    /// Mean square of the errors of every `thin`-th window.
+    /// Cost of every `thin`-th window.
     pub(super) fn thinned(&self, theta: &[f64], thin: usize) -> f64 {
-        let squares: Vec<f64> = self
-            .residuals_of(theta, thin)
-            .concat()
-            .iter()
-            .map(|x| x * x)
-            .collect();
-        math::mean(&squares)
+        super::least::cost(&self.residuals_of(theta, thin))
     }
 
     /// Position error at the end of every window, m.

@@ -1,7 +1,7 @@
 //! What the windows of the body say: conventions that only the body shows, then effects.
 
 use super::answer::REMAINDER;
-use super::body::{B, Tier};
+use super::body::{B, SOFTER, Tier};
 use super::body_library::{candidates, coordinates, widen};
 use super::conventions::permutations;
 use super::data::{Data, JOINTS};
@@ -57,26 +57,50 @@ const THIN: usize = 4;
 /// Order and signs that only the body shows: recorded and commanded in one convention, turned in another.
 fn conventions(tier: &mut Tier, theta: &[f64]) {
     let told = (tier.maps, tier.order);
-    let first = super::least::cost(&tier.residuals(theta));
+    let first = tier.thinned(theta, 1);
     if first < RIGHT {
         return;
     }
-    let mut last = descend(tier, theta, first);
+    let mut last = descend(tier, theta, first, 1);
     if last > BETTER * first && first > WRONG {
         // From far away exchanges lead nowhere.
         (tier.maps, tier.order) = told;
         tier.order = best_order(tier, theta);
-        let now = super::least::cost(&tier.residuals(theta));
-        last = descend(tier, theta, now);
+        let now = tier.thinned(theta, 1);
+        last = descend(tier, theta, now, 1);
     }
     if last > BETTER * first {
         (tier.maps, tier.order) = told;
+        if first > WRONG {
+            on_soft_ground(tier, theta);
+        }
     }
 }
 
-/// Turns and exchanges joints as long as the cost falls; returns the cost.
-fn descend(tier: &mut Tier, theta: &[f64], mut now: f64) -> f64 {
-    let cost = |tier: &Tier| super::least::cost(&tier.residuals(theta));
+/// The same on grounds that give: on a hard one nothing mends windows of feet that stand in a soft one.
+fn on_soft_ground(tier: &mut Tier, theta: &[f64]) {
+    let told = (tier.maps, tier.order);
+    let mut first = f64::INFINITY;
+    let mut best = (f64::INFINITY, told);
+    for give in SOFTER {
+        let mut theta = theta.to_vec();
+        theta[B::GroundGive as usize] = give;
+        let now = tier.thinned(&theta, THIN);
+        first = first.min(now);
+        let last = descend(tier, &theta, now, THIN);
+        if last < best.0 {
+            best = (last, (tier.maps, tier.order));
+        }
+        (tier.maps, tier.order) = told;
+    }
+    if best.0 <= BETTER * first {
+        (tier.maps, tier.order) = best.1;
+    }
+}
+
+/// Turns and exchanges joints as long as the cost of every `thin`-th window falls; returns the cost.
+fn descend(tier: &mut Tier, theta: &[f64], mut now: f64, thin: usize) -> f64 {
+    let cost = |tier: &Tier| tier.thinned(theta, thin);
     for _ in 0..2 * JOINTS {
         if now < RIGHT {
             break;
@@ -154,7 +178,7 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
     let told = (tier.maps, tier.order);
     conventions(&mut tier, &start);
     if (tier.maps, tier.order) != told {
-        tier.measure(data, &start);
+        tier.settle(data, start.clone());
     }
     if super::least::cost(&tier.residuals(&start)) > WRONG {
         widen(&mut candidates);

@@ -11,6 +11,8 @@ pub(super) use super::terms::{Answer, Candidate, Coordinate, Evaluate, Fit, Limi
 /// Error of a fitted value as a share of its distance from the neutral one: two honest simulators of one law differ by this (time step,
 /// sweeps; emulated robots).
 const LAW: f64 = 0.02;
+/// What a rival that foretells unseen gaits better may leave of all gaits, over what the effect itself leaves: a wrong law gets one gait right.
+const NO_WORSE: f64 = 1.3;
 /// Standard deviations within which a number may be none.
 const NONE: f64 = 1.96;
 /// Normal equations by group, weight of the priors, and the priors.
@@ -324,7 +326,10 @@ impl<E: Evaluate> Search<'_, E> {
             .iter()
             .flatten()
             .map(|r| &r.fit)
-            .filter(|f| last.held_out - f.held_out > self.threshold(last) || self.plainly(f, last))
+            .filter(|f| {
+                let foretells = last.held_out - f.held_out > self.threshold(last);
+                (foretells && f.cost < NO_WORSE * last.cost) || self.plainly(f, last)
+            })
             .min_by(|a, b| a.held_out.total_cmp(&b.held_out));
         let simpler = || self.simpler(last, &rivals);
         if let Some(better) = better.or_else(simpler).cloned() {
