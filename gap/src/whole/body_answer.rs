@@ -55,7 +55,12 @@ const STEP: f64 = 0.97;
 const THIN: usize = 4;
 
 /// Order and signs that only the body shows: recorded and commanded in one convention, turned in another.
-fn conventions(tier: &mut Tier, theta: &[f64]) {
+fn conventions(
+    data: &Data,
+    tier: &mut Tier,
+    theta: &[f64],
+    (coordinates, candidates): (&[Coordinate], &[Candidate]),
+) {
     let told = (tier.maps, tier.order);
     let first = tier.thinned(theta, 1);
     if first < RIGHT {
@@ -72,16 +77,25 @@ fn conventions(tier: &mut Tier, theta: &[f64]) {
     if last > BETTER * first {
         (tier.maps, tier.order) = told;
         if first > WRONG {
-            on_soft_ground(tier, theta);
+            let fit = |tier: &Tier, ground: &[f64]| {
+                Searched::over(tier, coordinates, candidates).ground(ground)
+            };
+            on_soft_ground(data, tier, theta, fit);
         }
     }
 }
 
-/// The same on grounds that give: on a hard one nothing mends windows of feet that stand in a soft one.
-fn on_soft_ground(tier: &mut Tier, theta: &[f64]) {
+/// The same on grounds that give: on a hard one nothing mends windows of feet that stand in a soft one. What is found is judged by windows that
+/// are measured with it, on the ground that fits them best.
+fn on_soft_ground(
+    data: &Data,
+    tier: &mut Tier,
+    theta: &[f64],
+    fit: impl Fn(&Tier, &[f64]) -> Option<Fit>,
+) {
     let told = (tier.maps, tier.order);
     let mut first = f64::INFINITY;
-    let mut best = (f64::INFINITY, told);
+    let mut best = (f64::INFINITY, told, theta.to_vec());
     for give in SOFTER {
         let mut theta = theta.to_vec();
         theta[B::GroundGive as usize] = give;
@@ -89,12 +103,20 @@ fn on_soft_ground(tier: &mut Tier, theta: &[f64]) {
         first = first.min(now);
         let last = descend(tier, &theta, now, THIN);
         if last < best.0 {
-            best = (last, (tier.maps, tier.order));
+            best = (last, (tier.maps, tier.order), theta);
         }
         (tier.maps, tier.order) = told;
     }
-    if best.0 <= BETTER * first {
-        (tier.maps, tier.order) = best.1;
+    let (last, found, ground) = best;
+    if found == told || last > STEP * first {
+        return;
+    }
+    (tier.maps, tier.order) = found;
+    tier.measure(data, &ground);
+    let left = fit(tier, &ground).map_or(f64::INFINITY, |f| f.cost);
+    if left > BETTER * first {
+        (tier.maps, tier.order) = told;
+        tier.settle(data, theta.to_vec());
     }
 }
 
@@ -176,7 +198,7 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
         }
     }
     let told = (tier.maps, tier.order);
-    conventions(&mut tier, &start);
+    conventions(data, &mut tier, &start, (&coordinates, &candidates));
     if (tier.maps, tier.order) != told {
         tier.settle(data, start.clone());
     }
@@ -241,6 +263,9 @@ fn telling(tier: &Tier, answer: &Answer) -> Option<Fit> {
     (found && ends(&last.theta) < NEARER * ends(&answer.steps[0].theta)).then(|| last.clone())
 }
 
+/// Dampings of a contact point from which a soft ground is fitted, N s/m: the emulated grounds have 3 to 30.
+const DAMPINGS_N_S_M: [f64; 2] = [50.0, 8.0];
+
 /// What a first look has found: an effect, or the calibrated nominal body and the gain over its threshold of the best candidate.
 enum Glance {
     Found(Fit),
@@ -302,6 +327,19 @@ impl<'a> Searched<'a> {
 
     fn nominal(&self) -> Vec<f64> {
         self.coordinates.iter().map(|c| c.neutral).collect()
+    }
+
+    /// The soft ground that fits best, from that in `theta`.
+    fn ground(&self, theta: &[f64]) -> Option<Fit> {
+        let soft = |c: &Candidate| c.effect == Effect::GroundCompliance;
+        let member = self.candidates.iter().position(soft)?;
+        let from = |damping: &f64| {
+            let mut theta = theta.to_vec();
+            theta[B::GroundDamping as usize] = *damping;
+            self.search().fit(&theta, &[member], 6)
+        };
+        let all = DAMPINGS_N_S_M.iter().map(from);
+        all.min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
     /// The first effect, if any: enough to know where windows are to be measured.
