@@ -171,13 +171,13 @@ pub(super) fn candidates(link_measured: bool) -> Vec<Candidate> {
             Effect::ConnectorCompliance,
             None,
             &[b(B::ConnectorGive)],
-            &[&[0.01], &[0.05]],
+            &[&[0.01], &[0.05], &[0.15]],
         ),
         candidate(
             Effect::ConnectorPlay,
             None,
             &[b(B::ConnectorPlay)],
-            &[&[0.01], &[0.04]],
+            &[&[0.01], &[0.04], &[0.12]],
         ),
     ];
     joints(link_measured, &mut out);

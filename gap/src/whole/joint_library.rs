@@ -168,7 +168,7 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
             Effect::FeedbackDelay,
             k,
             J::FeedbackDelay,
-            &[0.02, 0.05, 0.1],
+            &[0.01, 0.02, 0.05, 0.1],
         ),
         one(Effect::MotorLag, k, J::Lag, &[0.02, 0.05, 0.15]),
         one(Effect::TorqueLimit, k, J::MaxTorque, &grid(0.06, 1.12, 24)),

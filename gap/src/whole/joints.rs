@@ -421,7 +421,7 @@ fn limits(tier: &Tier) -> Limits {
         share: 0.12,
         least: 0.1,
         relative: 0.1,
-        of_first: 0.01,
+        of_first: 0.02,
         floor: 1.0,
         // Errors of a servo are alike for about half a second.
         independent: (2.0 * seconds).clamp(10.0, 1000.0),
@@ -442,7 +442,7 @@ pub(super) fn calibrate(tiers: &mut [Tier], model: &Model, conventions: &Convent
     const ROOM: f64 = 1.5;
     // Torques of six joints without a cause: 0.06 N m at the ends, 0.17 N m where the robot hinges (emulated robots); the fourth best is 0.09 N m.
     const MOST_NM: f64 = 0.6;
-    const ROOM_NM: f64 = 2.5;
+    const ROOM_NM: f64 = 4.0;
     let left = |tier: &Tier| {
         let (coordinates, nominal) = start(tier, model, conventions);
         let search = Search {
