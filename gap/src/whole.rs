@@ -241,7 +241,7 @@ pub fn diagnose(
     };
     let mut seen = task.see(recordings)?;
     let mut loads = task.loads(&mut seen);
-    let joints = task.joints(&seen, &loads);
+    let mut joints = task.joints(&seen, &loads);
     let twin = task.together(&mut seen, &joints, &mut loads);
     if joints.is_empty() && seen.body.is_none() {
         return Err(WholeError::Nothing);
@@ -249,6 +249,7 @@ pub fn diagnose(
     let camera = camera::Tier::new(&seen.data, manifest, model, films, &seen.split.fit)
         .map(|tier| camera::diagnose(tier, manifest, model, &settings.withhold));
     let score = task.score(&seen, &joints, &loads, camera.is_some());
+    last_word::refuted(&score, &mut joints);
     let score_runs = seen.split.score;
     let parts = Parts {
         body: seen.body,

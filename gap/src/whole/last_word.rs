@@ -1,6 +1,7 @@
 //! What is changed about a joint's answer when the search is over.
 
-use super::joints::Tier;
+use super::joints::{Found, Tier};
+use super::score::{Score, State};
 use super::search::{Answer, Coordinate, Fit};
 use super::servo::{J, JointRun};
 
@@ -35,4 +36,38 @@ pub(super) fn limited(mut answer: Answer, tier: &Tier) -> Answer {
         answer.steps[at].theta[free] = nm / tier.nominal.max_torque_nm;
     }
     answer
+}
+
+/// Angle error on the scored runs with an effect over that without it from which the effect is refuted, and the share of the torque's error that
+/// it must take off to stand even so.
+const REFUTED: f64 = 1.3;
+const REPAID: f64 = 0.2;
+
+/// Takes the effects of joints away that the scored runs refute: their angles are foretold far worse with them, and their torques hardly better.
+pub(super) fn refuted(score: &Score, joints: &mut [Found]) {
+    for at in 0..joints.len() {
+        let mut m = 0;
+        while m < joints[at].answer.last().members.len() {
+            let state = |own: &Fit| State {
+                joints: (joints.iter().enumerate())
+                    .map(|(k, f)| if k == at { own } else { f.answer.last() })
+                    .map(|fit| fit.theta.clone())
+                    .collect(),
+                body: Vec::new(),
+                camera: Vec::new(),
+                conventions: true,
+            };
+            let without = joints[at].answer.removed_alone[m].0.clone();
+            let rows = score.by_joint(&state(&without), &state(joints[at].answer.last()));
+            let worse = rows[at].angle_rad.is_some_and(|[a, b]| b > REFUTED * a);
+            let repaid = rows[at]
+                .torque_nm
+                .is_some_and(|[a, b]| b < (1.0 - REPAID) * a);
+            if worse && !repaid {
+                joints[at].answer.drop_member(m, without);
+            } else {
+                m += 1;
+            }
+        }
+    }
 }
