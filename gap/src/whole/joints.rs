@@ -442,7 +442,7 @@ pub(super) fn calibrate(tiers: &mut [Tier], model: &Model, conventions: &Convent
     const ROOM: f64 = 1.5;
     // Torques of six joints without a cause: 0.06 N m at the ends, 0.17 N m where the robot hinges (emulated robots); the fourth best is 0.09 N m.
     const MOST_NM: f64 = 0.6;
-    const ROOM_NM: f64 = 4.0;
+    const ROOM_NM: f64 = 2.5;
     let left = |tier: &Tier| {
         let (coordinates, nominal) = start(tier, model, conventions);
         let search = Search {
