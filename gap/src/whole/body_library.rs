@@ -98,6 +98,18 @@ fn candidate(effect: Effect, joint: Option<usize>, free: &[usize], starts: &[&[f
     }
 }
 
+/// Logarithms of an anisotropy, cosine and sine part: eight directions.
+const AROUND: [&[f64]; 8] = [
+    &[0.5, 0.0],
+    &[0.35, 0.35],
+    &[0.0, 0.5],
+    &[-0.35, 0.35],
+    &[-0.5, 0.0],
+    &[-0.35, -0.35],
+    &[0.0, -0.5],
+    &[0.35, -0.35],
+];
+
 /// Everything that may be added to the body.
 pub(super) fn candidates(link_measured: bool) -> Vec<Candidate> {
     let b = |b: B| b as usize;
@@ -122,13 +134,13 @@ pub(super) fn candidates(link_measured: bool) -> Vec<Candidate> {
             Effect::FrictionAnisotropy,
             None,
             &turn,
-            &[&[0.5, 0.0], &[-0.5, 0.0], &[0.0, 0.5], &[0.0, -0.5]],
+            &AROUND,
         ),
         candidate(
             Effect::FrictionAnisotropy,
             None,
             &less,
-            &[&[0.5, 0.0], &[-0.5, 0.0], &[0.0, 0.5], &[0.0, -0.5]],
+            &AROUND,
         ),
         candidate(
             Effect::TorsionalFriction,
