@@ -130,18 +130,8 @@ pub(super) fn candidates(link_measured: bool) -> Vec<Candidate> {
             &[b(B::Bounce)],
             &[&[0.05], &[0.9]],
         ),
-        candidate(
-            Effect::FrictionAnisotropy,
-            None,
-            &turn,
-            &AROUND,
-        ),
-        candidate(
-            Effect::FrictionAnisotropy,
-            None,
-            &less,
-            &AROUND,
-        ),
+        candidate(Effect::FrictionAnisotropy, None, &turn, &AROUND),
+        candidate(Effect::FrictionAnisotropy, None, &less, &AROUND),
         candidate(
             Effect::TorsionalFriction,
             None,
