@@ -397,13 +397,13 @@ pub(super) struct Found {
     /// What general features of the motion predict of what is left.
     pub(super) law: Law,
     /// How many times as much as those features the effects found leave; 0 without effects.
-    rival: f64,
+    pub(super) rival: f64,
     /// What is left follows a law that the library does not hold.
     pub(super) odd: bool,
     /// Stage in which what is left arose.
     pub(super) rest: Stage,
     /// Stage in which what the calibrated nominal model leaves arose.
-    gap: Stage,
+    pub(super) gap: Stage,
     /// The effects found bend to a law that they are not.
     pub(super) astray: bool,
     /// Regime that holds most of the gap.
@@ -546,29 +546,6 @@ pub(super) fn diagnose(
         odd: false,
         answer,
         tier,
-    }
-}
-
-/// Marks the joints whose remainder follows a law: one that several joints show comes from the loads, which the body shares; and so does a small
-/// one where the loads are `replayed`.
-pub(super) fn mark(found: &mut [Found], replayed: bool) {
-    // Laws of one joint are six times those of the next (emulated robots), of a ground that was taken for another 1.6 times.
-    const APART: f64 = 2.0;
-    let least_nm = if replayed { open::LEAST_NM } else { 0.0 };
-    let laws: Vec<f64> = found.iter().map(|f| f.law.share).collect();
-    for (k, f) in found.iter_mut().enumerate() {
-        let others = laws.iter().enumerate().filter(|l| l.0 != k);
-        let next = others.map(|l| *l.1).fold(0.0, f64::max);
-        let law = f.law.share;
-        f.odd = law > open::LAW && law > APART * next && f.law.size_nm > least_nm;
-        if f.odd && f.rest != Stage::Transmission {
-            // Laws are those of torques.
-            f.rest = Stage::Drivetrain;
-        }
-        if f.rival > open::RIVAL {
-            // The gap is where it was without them.
-            (f.odd, f.astray, f.rest) = (true, true, f.gap);
-        }
     }
 }
 

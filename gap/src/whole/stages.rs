@@ -16,7 +16,7 @@ use super::score::Score;
 use super::search::Candidate;
 use super::servo::Load;
 use super::windows::{self, Window};
-use super::{Settings, Split, WholeError, body, camera, direct, film, friction, split};
+use super::{Settings, Split, WholeError, body, camera, direct, film, friction, last_word, split};
 use crate::vocabulary::{Effect, Stage};
 
 /// Share of a mass's effect on the loads that must stay on the friction that fits best: 0.3 for a mass of 1.4 whose friction nothing tells,
@@ -169,7 +169,7 @@ impl Task<'_> {
             .into_par_iter()
             .map(|tier| joints::diagnose(tier, self.model, &seen.conventions, withhold))
             .collect();
-        joints::mark(&mut found, seen.body.is_some());
+        last_word::mark(&mut found, seen.body.is_some());
         found
     }
 
