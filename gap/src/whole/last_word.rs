@@ -76,13 +76,15 @@ pub(super) fn refuted(score: &Score, joints: &mut [Found]) {
 }
 
 impl Found {
-    /// Whether the effects found only bend to what the joint shows: a remainder stays, and more than a fifth of the gap with it.
+    /// Whether the effects found only bend to what the joint shows: a straight line mends a part of any gap, and more than a fifth of it stays.
     fn bent(&self) -> bool {
         const STAYS: f64 = 0.2;
         let excess = |fit: &Fit| (fit.cost - 1.0).max(0.0);
-        let last = self.answer.last();
-        let stays = excess(last) > STAYS * excess(&self.answer.steps[0]);
-        !last.members.is_empty() && last.cost > REMAINDER && stays
+        let (answer, last) = (&self.answer, self.answer.last());
+        let straight = |m: &usize| answer.candidates[*m].effect.stage() == Stage::Conventions;
+        let stays = excess(last) > STAYS * excess(&answer.steps[0]);
+        let found = !last.members.is_empty() && last.members.iter().all(straight);
+        found && last.cost > REMAINDER && stays
     }
 }
 
