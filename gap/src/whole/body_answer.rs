@@ -6,7 +6,7 @@ use super::body_library::{candidates, coordinates, widen};
 use super::conventions::permutations;
 use super::data::{Data, JOINTS};
 use super::inertial;
-use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Search};
+use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Given, Limits, Search};
 use super::steady::Change;
 use crate::math;
 use crate::vocabulary::Effect;
@@ -214,14 +214,14 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
     let mut answer = {
         let searched = Searched::over(&tier, c, k);
         match first {
-            Glance::Found(_) => searched.seek(&start, None),
+            Glance::Found(first) => searched.seek(&start, None, Some(first)),
             Glance::Nothing(base, nearest) => searched.nothing(base, nearest),
         }
     };
     let mut sure = telling(&tier, &answer);
     // Wider than two honest engines differ only where a remainder would be claimed.
     while answer.last().cost > (if tier.exact() { FOREIGN } else { REMAINDER }) && tier.widen() {
-        answer = Searched::over(&tier, c, k).seek(&start, sure.as_ref());
+        answer = Searched::over(&tier, c, k).seek(&start, sure.as_ref(), None);
         sure = sure.or_else(|| telling(&tier, &answer));
     }
     let offset = |m: &usize| {
@@ -362,18 +362,18 @@ impl<'a> Searched<'a> {
         self.calibrated(answer)
     }
 
-    /// One search, from the slope that is known and from what is `sure`.
-    fn seek(&self, start: &[f64], sure: Option<&Fit>) -> Answer {
+    /// One search, from the slope that is known and from what is `sure`; else what a first look has found is tried first.
+    fn seek(&self, start: &[f64], sure: Option<&Fit>, first: Option<Fit>) -> Answer {
         let nominal = self.nominal();
         let search = self.search();
         let sloped = self.sloped();
-        let first = match (sure, sloped) {
-            (Some(s), _) => Some(search.fit(&s.theta, &s.members, 3)),
-            (None, Some(c)) => Some(search.fit(start, &[c], 3)),
-            (None, None) => None,
+        let given = match (sure, sloped) {
+            (Some(s), _) => Given::Shown(search.fit(&s.theta, &s.members, 3)),
+            (None, Some(c)) => Given::Shown(search.fit(start, &[c], 3)),
+            (None, None) => first.map_or(Given::Nothing, Given::Hint),
         };
         let base = search.fit(&nominal, &[], 3);
-        let answer = search.answer_with(base, nominal, first);
+        let answer = search.answer_with(base, nominal, given);
         self.calibrated(answer)
     }
 

@@ -1,5 +1,7 @@
 //! The clock that all joints share, read off the drift of their set-points' delays.
 
+use rayon::prelude::*;
+
 use super::echo::{Address, STRAY, TICK_S};
 use crate::math;
 
@@ -7,6 +9,11 @@ use crate::math;
 const ONE_CLOCK: usize = 3;
 /// Least drift over the longest run, in rows: less shows as arrivals one row late at most.
 const DRIFTED: f64 = 0.7;
+/// Slopes that are tried are this far apart.
+const STEP: f64 = 2e-5;
+/// Arrivals of one joint out of place that no damaged frame makes, and the share of them that may stay on the right clock.
+const ODD: f64 = 8.0;
+const MENDED: f64 = 0.2;
 
 /// A clock that drifts by `slope`: the shortest delay beside it that places arrivals about as well as any, and the arrivals out of place.
 struct Placed {
@@ -37,7 +44,23 @@ impl Placed {
     }
 }
 
-/// Drift of the delays that all joints share, its error, and the joints that show it.
+/// How far a straight line through delays that rows round may be from the clock: the noise of its slope, and a clock that drifts by a row or two
+/// shows as one step.
+fn reach(row_s: f64, length_s: f64) -> f64 {
+    80.0 * STEP + row_s / length_s
+}
+
+/// Whether at least [`ONE_CLOCK`] joints have arrivals out of place on a clock without drift, and hardly any on one that drifts by `slope`.
+fn shared(addresses: &[&Address], slope: f64) -> bool {
+    let stray = |a: &Address, slope: f64| Placed::new(&[a], slope, 0.0).stray;
+    let mended = |a: &&&Address| {
+        let before = stray(a, 0.0);
+        before > ODD && stray(a, slope) < MENDED * before
+    };
+    addresses.iter().filter(mended).count() >= ONE_CLOCK
+}
+
+/// Drift of the delays that all joints share, and its error.
 pub(super) fn clock(addresses: &[Option<Address>]) -> Option<(f64, f64)> {
     let drifts: Vec<(f64, f64)> = addresses
         .iter()
@@ -49,15 +72,18 @@ pub(super) fn clock(addresses: &[Option<Address>]) -> Option<(f64, f64)> {
     let agree = |d: &&(f64, f64)| (d.0 - slope).abs() <= 0.1 * slope.abs() + 3.0 * d.1;
     let error = math::median(&drifts.iter().map(|d| d.1).collect::<Vec<_>>());
     let seen = (slope * a.length_s).abs() > DRIFTED * a.row_s && slope.abs() > 5.0 * error;
-    if !seen || drifts.iter().filter(agree).count() < ONE_CLOCK {
+    let seen = seen && drifts.iter().filter(agree).count() >= ONE_CLOCK;
+    let known: Vec<&Address> = addresses.iter().flatten().collect();
+    let few = STRAY * known.iter().map(|a| a.sent()).sum::<f64>();
+    if !seen && Placed::new(&known, 0.0, few).stray <= ODD * ONE_CLOCK as f64 {
         return None;
     }
     // Rows beat with the drift: the slope at which fewest arrivals are out of place is better than a straight line through them. A clock
     // and a delay stand in for each other: of slopes that place arrivals alike, those with the shortest delay are taken.
-    let known: Vec<&Address> = addresses.iter().flatten().collect();
-    let few = STRAY * known.iter().map(|a| a.sent()).sum::<f64>();
-    let tries: Vec<Placed> = (-80..=80)
-        .map(|i| Placed::new(&known, slope + 2e-5 * f64::from(i), few))
+    let most = (reach(a.row_s, a.length_s) / STEP) as i32;
+    let tries: Vec<Placed> = (-most..=most)
+        .into_par_iter()
+        .map(|i| Placed::new(&known, slope + STEP * f64::from(i), few))
         .collect();
     let least = |v: &mut dyn Iterator<Item = f64>| v.fold(f64::INFINITY, f64::min);
     let fewest = least(&mut tries.iter().map(|t| t.stray));
@@ -70,6 +96,10 @@ pub(super) fn clock(addresses: &[Option<Address>]) -> Option<(f64, f64)> {
         .filter(|t| taken(t) && t.stray <= fewest)
         .map(|t| t.slope)
         .collect();
+    let best = math::mean(&best);
+    if !seen && !shared(&known, best) {
+        return None;
+    }
     // Rows and ticks let a clock slip by a tick over the whole run unseen.
-    Some((math::mean(&best), error.min(1e-4).max(TICK_S / a.length_s)))
+    Some((best, error.min(1e-4).max(TICK_S / a.length_s)))
 }

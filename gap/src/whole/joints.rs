@@ -472,6 +472,9 @@ pub(super) fn calibrate(tiers: &mut [Tier], model: &Model, conventions: &Convent
     }
 }
 
+/// Least share of its strongest torques at which a motor may be limited: a torque constant may be off by 0.65 to 1.65 before it is read off.
+const SHOWN: f64 = 0.6;
+
 /// Coordinates of a joint and where they start.
 fn start(tier: &Tier, model: &Model, conventions: &Conventions) -> (Vec<Coordinate>, Vec<f64>) {
     let mut coordinates = coordinates(model, tier.joint, tier.applied, tier.torque && tier.ampere);
@@ -482,6 +485,10 @@ fn start(tier: &Tier, model: &Model, conventions: &Conventions) -> (Vec<Coordina
         .is_some_and(|l| l[1] <= 0.0)
     {
         coordinates[J::Delay as usize].sigma = ECHO_S;
+    }
+    if let Some(nm) = JointRun::plateau_nm(&tier.runs).filter(|_| tier.torque) {
+        // No limit lies below what the motor was seen to give.
+        coordinates[J::MaxTorque as usize].range[0] = SHOWN * nm / tier.nominal.max_torque_nm;
     }
     if conventions.slope[tier.joint].is_some_and(|s| s < 0.0) {
         coordinates[J::Scale as usize].neutral = -1.0;
@@ -525,7 +532,7 @@ pub(super) fn diagnose(
     };
     let base = search.fit(&base.theta, &[], 3);
     let sure = late(&search, &base, conventions.echo[tier.joint].late_s);
-    let mut answer = search.answer_with(base, nominal, sure);
+    let mut answer = search.answer_with(base, nominal, sure.into());
     if let Some((at, without)) = doubted(&answer, &coordinates) {
         answer.drop_member(at, without);
     }
@@ -559,12 +566,14 @@ fn late(search: &Search<'_, Tier>, base: &Fit, late_s: Option<[f64; 2]>) -> Opti
     let mut theta = base.theta.clone();
     theta[J::Delay as usize] = 0.5 * (low + high);
     let fit = search.fit(&theta, &[c], 6);
-    // A clock that is slightly off delays too, on average.
+    // A clock that is slightly off delays too, on average; a short delay lies within the tolerance of set-points, where a clock fits as well.
+    const CLOCK: f64 = 0.8;
     let clock = search
         .candidates
         .iter()
         .position(|c| c.effect == Effect::ClockSkew);
-    if clock.is_some_and(|c| search.fit(&base.theta, &[c], 6).cost < fit.cost) {
+    let plainly = |c: usize| search.fit(&base.theta, &[c], 6).cost < CLOCK * fit.cost;
+    if clock.is_some_and(plainly) {
         return None;
     }
     let delay = fit.theta[J::Delay as usize];

@@ -19,6 +19,31 @@ const NO_WORSE: f64 = 1.3;
 const CLEAR: f64 = 2.0;
 /// Standard deviations within which a number may be none.
 const NONE: f64 = 1.96;
+/// What is known before a search.
+pub(super) enum Given {
+    Nothing,
+    /// A fit whose members other evidence has shown.
+    Shown(Fit),
+    /// A fit with one effect that is tried first.
+    Hint(Fit),
+}
+
+impl Given {
+    /// Members that other evidence has shown.
+    fn shown(&self) -> Vec<usize> {
+        match self {
+            Self::Shown(fit) => fit.members.clone(),
+            Self::Nothing | Self::Hint(_) => Vec::new(),
+        }
+    }
+}
+
+impl From<Option<Fit>> for Given {
+    fn from(shown: Option<Fit>) -> Self {
+        shown.map_or(Self::Nothing, Self::Shown)
+    }
+}
+
 /// Normal equations by group, weight of the priors, and the priors.
 type Quadratic = (Vec<Block>, f64, Vec<(f64, f64)>);
 
@@ -267,14 +292,20 @@ impl<E: Evaluate> Search<'_, E> {
 
     /// Forward selection, then backward pruning of all but the members of `sure`; the steps, and the gain of the best candidate that
     /// was not taken, over its threshold.
-    fn run(&self, base: Fit, sure: Option<Fit>) -> (Vec<Fit>, f64) {
-        let kept = sure.as_ref().map_or_else(Vec::new, |s| s.members.clone());
+    fn run(&self, base: Fit, given: Given) -> (Vec<Fit>, f64) {
+        let kept = given.shown();
         let mut steps = vec![base];
-        steps.extend(sure);
+        let mut hint = None;
+        match given {
+            Given::Nothing => {}
+            Given::Shown(fit) => steps.push(fit),
+            Given::Hint(fit) => hint = Some(fit),
+        }
         let mut nearest;
         loop {
             let next;
-            (next, nearest) = self.forward(&steps[steps.len() - 1], steps[0].held_out);
+            let base = &steps[steps.len() - 1];
+            (next, nearest) = self.forward(base, steps[0].held_out, hint.take().as_ref());
             let Some(next) = next else { break };
             // Everything settles before a further effect is looked at.
             let settled = self.fit(&next.theta, &next.members, 2 * self.limits.iterations);
@@ -291,18 +322,18 @@ impl<E: Evaluate> Search<'_, E> {
 
     /// The first effect that is believed beside `base`, if any, and the gain over its threshold of the best that is not.
     pub(super) fn first(&self, base: &Fit) -> (Option<Fit>, f64) {
-        self.forward(base, base.held_out)
+        self.forward(base, base.held_out, None)
     }
 
     /// Selection, rivals, and every effect alone and removed.
     pub(super) fn answer(&self, base: Fit, nominal: Vec<f64>) -> Answer {
-        self.answer_with(base, nominal, None)
+        self.answer_with(base, nominal, Given::Nothing)
     }
 
-    /// The same with a fit whose members other evidence has shown.
-    pub(super) fn answer_with(&self, base: Fit, nominal: Vec<f64>, sure: Option<Fit>) -> Answer {
-        let shown = sure.as_ref().map_or_else(Vec::new, |s| s.members.clone());
-        let found = self.run(base, sure);
+    /// The same with what is known before.
+    pub(super) fn answer_with(&self, base: Fit, nominal: Vec<f64>, given: Given) -> Answer {
+        let shown = given.shown();
+        let found = self.run(base, given);
         self.told(found, &nominal, &shown)
     }
 
@@ -398,7 +429,7 @@ impl<E: Evaluate> Search<'_, E> {
     }
 
     /// The next effect, if one is believed; and the gain over its threshold of the best that is not.
-    fn forward(&self, base: &Fit, first: f64) -> (Option<Fit>, f64) {
+    fn forward(&self, base: &Fit, first: f64, hint: Option<&Fit>) -> (Option<Fit>, f64) {
         let taken = |c: usize| {
             base.members.iter().any(|m| {
                 let (a, b) = (&self.candidates[*m], &self.candidates[c]);
@@ -415,7 +446,8 @@ impl<E: Evaluate> Search<'_, E> {
         let mut best: Option<Fit> = None;
         let mut nearest = 0.0f64;
         let (screened, from) = self.screen(base, &open);
-        for (c, theta, there) in screened {
+        let hinted = hint.and_then(|h| Some((*h.members.first()?, h.theta.clone(), 0.0)));
+        for (c, theta, there) in hinted.into_iter().chain(screened) {
             if seen.contains(&c) || seen.len() >= self.limits.refined || there > from - 0.3 * least
             {
                 continue;
