@@ -59,6 +59,15 @@ impl Convention {
         }
     }
 
+    /// Joint angle that gives a reading on the wire.
+    pub(super) fn read_as(self, wire_rad: f64) -> f64 {
+        if self.readings_too {
+            self.to_joint(wire_rad)
+        } else {
+            wire_rad
+        }
+    }
+
     /// Factor of speeds and torques on the wire.
     pub(super) fn reading_sign(self) -> f64 {
         if self.readings_too { self.sign } else { 1.0 }
@@ -248,12 +257,31 @@ impl DriveState {
         self.current_a += (self.motor.current_a - self.current_a) * (dt_s / SHUNT_S).min(1.0);
     }
 
-    /// Goes on in another reality from where the encoder stands: without play the link stands there too.
-    pub(super) fn rejoin(&mut self, p: &DriveParams, link_rad: &mut f64) {
-        if p.motor.transmission.is_rigid() {
-            *link_rad = self.motor.gear_rad;
-            self.motor.link_rad = self.motor.gear_rad;
+    /// Goes on in another reality, in which the encoder reads `encoder_rad` and moves `factor` times as fast: without play the link stands
+    /// there too, else it keeps its twist. Returns angle and speed of the link.
+    pub(super) fn rejoin(&mut self, p: &DriveParams, encoder_rad: f64, factor: f64) -> (f64, f64) {
+        let motor = &mut self.motor;
+        let gear_rad = encoder_rad - p.motor.encoder_error_rad(motor);
+        let moved_rad = gear_rad - motor.gear_rad;
+        motor.gear_rad = gear_rad;
+        motor.gear_rad_s *= factor;
+        motor.link_rad_s *= factor;
+        motor.link_rad = if p.motor.transmission.is_rigid() {
+            gear_rad
+        } else {
+            motor.link_rad + moved_rad
+        };
+        let now = self.seen.back().copied().unwrap_or(encoder_rad);
+        for seen in &mut self.seen {
+            *seen = encoder_rad + factor * (*seen - now);
         }
+        (motor.link_rad, motor.link_rad_s)
+    }
+
+    /// What is on its way to another driver, and in force there, is on its way to this one.
+    pub(super) fn take_orders(&mut self, other: &Self, convention: Convention) {
+        self.transport = other.transport.clone();
+        self.place_goal(convention, other.applied_wire_rad);
     }
 }
 

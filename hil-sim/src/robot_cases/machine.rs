@@ -72,6 +72,35 @@ pub(super) struct Snapshot {
     tick: u64,
 }
 
+impl Snapshot {
+    /// The drives, and the links' angles and speeds, of the reality `now` in which every reading is what it was.
+    fn rejoined(
+        &self,
+        was: &Reality,
+        now: &Reality,
+    ) -> (Vec<DriveState>, [f64; JOINTS], [f64; JOINTS]) {
+        let mut drives = self.drives.clone();
+        let (mut angles_rad, mut speeds_rad_s) = ([0.0; JOINTS], [0.0; JOINTS]);
+        for column in 0..JOINTS {
+            let (from, to) = (was.reads(column), now.reads(column));
+            let [before, after] = [was.conventions[from], now.conventions[to]];
+            let mut state = self.drives[from].clone();
+            let read = |joint_rad: f64| after.read_as(before.reading(joint_rad));
+            let encoder_rad = state.encoder_rad(&was.drives[from]);
+            let factor = read(1.0) - read(0.0);
+            let goal_at = |order: &[usize; JOINTS], joint: usize| {
+                order.iter().position(|j| *j == joint).unwrap_or(joint)
+            };
+            let sender = was.order[goal_at(&now.order, to)];
+            (angles_rad[to], speeds_rad_s[to]) =
+                state.rejoin(&now.drives[to], read(encoder_rad), factor);
+            state.take_orders(&self.drives[sender], after);
+            drives[to] = state;
+        }
+        (drives, angles_rad, speeds_rad_s)
+    }
+}
+
 /// A robot playing a gait.
 pub(super) struct Machine<'a> {
     reality: &'a Reality,
@@ -167,11 +196,12 @@ impl<'a> Machine<'a> {
         Some(machine)
     }
 
-    /// Goes on from a snapshot of another machine of the same gait.
+    /// Goes on from a snapshot of a machine of the same gait in the reality `was`, with the same readings and the same pose of the base: of the
+    /// rest no recording tells.
     pub(super) fn resume(
         reality: &'a Reality,
         gait: &'a Gait,
-        from: &Snapshot,
+        (from, was): (&Snapshot, &Reality),
         run: Option<(u64, u64)>,
     ) -> Option<Self> {
         let mut params = (*reality.params).clone();
@@ -190,12 +220,8 @@ impl<'a> Machine<'a> {
             STEP_S
         };
         let mut body = Body::new(Arc::clone(&params), &options(step_s)).ok()?;
-        let mut drives = from.drives.clone();
-        let mut angles_rad = from.angles_rad;
-        for ((state, p), angle) in drives.iter_mut().zip(&reality.drives).zip(&mut angles_rad) {
-            state.rejoin(p, angle);
-        }
-        body.place(&from.base, &from.twist, &angles_rad, &from.speeds_rad_s)
+        let (drives, angles_rad, speeds_rad_s) = from.rejoined(was, reality);
+        body.place(&from.base, &from.twist, &angles_rad, &speeds_rad_s)
             .ok()?;
         Some(Self {
             reality,
@@ -399,8 +425,7 @@ impl<'a> Machine<'a> {
 
     fn sample(&mut self) -> Sample {
         let r = self.reality;
-        let source = |k: usize| if r.order_of_readings { r.order[k] } else { k };
-        let of = |f: &dyn Fn(usize) -> f64| std::array::from_fn(|k| f(source(k)));
+        let of = |f: &dyn Fn(usize) -> f64| std::array::from_fn(|k| f(r.reads(k)));
         let wire = |j: usize, x: f64| r.conventions[j].reading(x);
         let sign = |j: usize| r.conventions[j].reading_sign();
         let drives = &self.drives;

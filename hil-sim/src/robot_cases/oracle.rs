@@ -1,4 +1,4 @@
-//! What an oracle could gain by each cause: windows of one second from the true state, with and without it.
+//! What an oracle could gain by each cause: windows of one second from the recorded state, noise-free, with and without it.
 
 use control::gait::Gait;
 
@@ -101,9 +101,10 @@ pub(super) fn floors(plan: &Plan, gaits: &[Gait], truth: &Reality) -> Option<Vec
             let from = clean.snapshot();
             let with = clean.record(WINDOW);
             let run = (plan.seed, g as u64 * windows + w);
-            spread.add(&with, &again(truth, gait, &from, Some(run))?);
+            let from = (&from, truth);
+            spread.add(&with, &again(truth, gait, from, Some(run))?);
             for ((other, squares), film) in others.iter().zip(&mut without).zip(&mut film) {
-                let other_window = again(other, gait, &from, None)?;
+                let other_window = again(other, gait, from, None)?;
                 squares.add(&with, &other_window);
                 *film = film.max(filmed(&truth.camera, &other.camera, &with));
             }
@@ -127,7 +128,7 @@ pub(super) fn floors(plan: &Plan, gaits: &[Gait], truth: &Reality) -> Option<Vec
 fn again(
     reality: &Reality,
     gait: &Gait,
-    from: &Snapshot,
+    from: (&Snapshot, &Reality),
     run: Option<(u64, u64)>,
 ) -> Option<Vec<Sample>> {
     Some(Machine::resume(reality, gait, from, run)?.record(WINDOW))

@@ -224,6 +224,15 @@ impl Reality {
         }
     }
 
+    /// Joint whose readings stand in column `column`.
+    pub(super) fn reads(&self, column: usize) -> usize {
+        if self.order_of_readings {
+            self.order[column]
+        } else {
+            column
+        }
+    }
+
     /// Whether some joint has play or a spring, so that the body needs shorter steps.
     pub(super) fn is_loose(&self) -> bool {
         self.drives.iter().any(|d| !d.motor.transmission.is_rigid())
