@@ -80,6 +80,16 @@ fn a_sealed_robot_is_diagnosed_and_scored() {
     let (seconds, cases) = figure(&done, "wall time of a diagnosis, median, s");
     assert!(cases == 1 && seconds > Some(0.0), "{}", done.out);
     assert!(folder.path("w/whole_score.md").exists());
+    // The same command with joints: these first, then the robots, of which nothing is done again.
+    let both = [&args[1..], &["--cases", "1", "--nulls", "1"]].concat();
+    let done = rb(&folder, &both).expect(0);
+    let at = |text: &str| {
+        done.out
+            .find(text)
+            .unwrap_or_else(|| panic!("{text}: {}", done.out))
+    };
+    assert!(at("false alarms on nulls") < at("wall time of a diagnosis"));
+    assert!(folder.path("w/score.md").exists());
 }
 
 #[test]

@@ -19,12 +19,12 @@ pub(super) struct Args {
     /// Folder for cases, labels and verdicts; a second run there goes on where the first one stopped
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
-    /// Cases of the mixed suite: 25 % without effect, 40 % one, 25 % two or three, 10 % outside the library
-    #[arg(long, default_value_t = 400)]
-    cases: usize,
-    /// Further cases without effect, to count false alarms
-    #[arg(long, default_value_t = 400)]
-    nulls: usize,
+    /// Joints of the mixed suite: 25 % without effect, 40 % one, 25 % two or three, 10 % outside the library [default: 400]
+    #[arg(long)]
+    cases: Option<usize>,
+    /// Further joints without effect, to count false alarms [default: 400]
+    #[arg(long)]
+    nulls: Option<usize>,
     /// Seed of the suite
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -34,7 +34,7 @@ pub(super) struct Args {
     /// Withhold the planted effect of every single: the diagnosis must then say "unknown"
     #[arg(long)]
     leave_one_out: bool,
-    /// Check the diagnosis of the whole robot instead, on this many cases
+    /// Check the diagnosis of the whole robot, on this many cases: instead of joints, or after them where --cases or --nulls is given
     #[arg(long, value_name = "CASES")]
     whole: Option<usize>,
     /// Write one whole-robot data set with these causes and stop: EFFECT[@JOINT][:VALUE,...] joined by +, or none
@@ -56,6 +56,18 @@ pub(super) struct Args {
 
 /// Number of the first of the further nulls.
 const NULLS_FROM: usize = 1000;
+/// Joints of the mixed suite, and further ones without effect, where nothing else is asked for.
+const JOINTS: usize = 400;
+
+impl Args {
+    fn cases(&self) -> usize {
+        self.cases.unwrap_or(JOINTS)
+    }
+
+    fn nulls(&self) -> usize {
+        self.nulls.unwrap_or(JOINTS)
+    }
+}
 
 pub(super) fn fail(what: &str, path: &Path, e: impl core::fmt::Display) -> Failure {
     Failure::say(
@@ -129,7 +141,11 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = if args.jobs == 0 { cores } else { args.jobs };
-    if let Some(count) = args.whole {
+    let bench = args.whole.is_none() || args.cases.is_some() || args.nulls.is_some();
+    if bench {
+        joints(args, jobs, context)?;
+    }
+    if let Some(count) = args.whole.filter(|_| !crate::interrupt::pressed()) {
         let suite = blind_whole::Suite {
             output: &args.output,
             count,
@@ -138,9 +154,9 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
             jobs,
             leave_out: args.leave_one_out,
         };
-        return suite.run(context);
+        suite.run(context)?;
     }
-    joints(args, jobs, context)
+    Ok(())
 }
 
 /// The folders of a suite of joints.
@@ -171,8 +187,8 @@ impl Folders {
 
 /// The suite of joints: makes and seals the cases, diagnoses and scores them.
 fn joints(args: &Args, jobs: usize, context: &Context) -> Outcome {
-    let indices: Vec<usize> = (0..args.cases)
-        .chain(NULLS_FROM..NULLS_FROM + args.nulls)
+    let indices: Vec<usize> = (0..args.cases())
+        .chain(NULLS_FROM..NULLS_FROM + args.nulls())
         .collect();
     let folders = Folders::make(args)?;
     let Folders {
@@ -271,7 +287,7 @@ fn score_all(
 /// A folder holds one suite: another seed or size there would mix two.
 fn same_suite(args: &Args) -> Outcome {
     let path = args.output.join("suite.json");
-    let mine = json!({ "seed": args.seed, "cases": args.cases, "nulls": args.nulls }).to_string();
+    let mine = json!({ "seed": args.seed, "cases": args.cases(), "nulls": args.nulls() }).to_string();
     match fs::read_to_string(&path) {
         Ok(there) if there.trim() != mine => {
             let text = format!(
