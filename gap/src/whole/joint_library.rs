@@ -137,7 +137,6 @@ fn many(effect: Effect, joint: usize, free: &[J], starts: &[Vec<f64>]) -> Candid
 /// Everything that may be added to joint `tier.joint`.
 pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidate> {
     let k = tier.joint;
-    let n = tier.nominal;
     let slope = conventions.slope[k].unwrap_or(1.0);
     let offset = conventions.offset_rad[k];
     let typical = |of: fn(&JointRun) -> f64| {
@@ -145,19 +144,16 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
         math::median(&all)
     };
     let [speed, moved] = [JointRun::busy_rad_s, JointRun::moved_rad_s].map(typical);
-    let [fraction, reached] = [speed, moved].map(|v| (v / n.max_speed_rad_s).clamp(0.05, 1.0));
+    // A joint that lags behind is ever further off: no slope leads to its limit.
+    let mut speeds = grid(0.04, 1.06, 56);
+    speeds.push(1.5);
     let mut out = vec![
         one(Effect::JointScale, k, J::Scale, &[slope, 0.95, 1.05]),
         one(Effect::JointOffset, k, J::Offset, &[offset, 0.02, -0.02]),
         one(Effect::LoopGain, k, J::Gain, &[0.4, 0.7, 1.4, 2.5]),
         one(Effect::Deadband, k, J::DeadHard, &[0.01, 0.03, 0.08]),
         one(Effect::Deadband, k, J::DeadSoft, &[0.005, 0.02, 0.06]),
-        one(
-            Effect::VelocityLimit,
-            k,
-            J::MaxSpeed,
-            &[0.9 * fraction, 0.7 * fraction, 0.4 * fraction, reached, 1.5],
-        ),
+        one(Effect::VelocityLimit, k, J::MaxSpeed, &speeds),
         one(
             Effect::VelocityLimit,
             k,

@@ -28,7 +28,8 @@ impl<E: Evaluate> Search<'_, E> {
             .map(|(c, start)| {
                 let mut t = base.theta.clone();
                 for (i, v) in self.candidates[c].free.iter().zip(&start) {
-                    t[*i] = *v;
+                    let [low, high] = self.coordinates[*i].range;
+                    t[*i] = v.clamp(low, high);
                 }
                 let r = glimpse(&t);
                 // Columns at the base point serve here too: only their differences enter.

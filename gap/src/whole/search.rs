@@ -17,6 +17,8 @@ const NO_WORSE: f64 = 1.3;
 /// Gain over its threshold from which a gait may disagree about a play or spring where the cost is rough: a robot without one showed 1.7 on
 /// three gaits of four.
 const CLEAR: f64 = 2.0;
+/// Share of its tolerance's reach from which a nominal number may stand for its own effect, which is tried then.
+const STRAINED: f64 = 0.8;
 /// Standard deviations within which a number may be none.
 const NONE: f64 = 1.96;
 /// What is known before a search.
@@ -334,12 +336,12 @@ impl<E: Evaluate> Search<'_, E> {
     pub(super) fn answer_with(&self, base: Fit, nominal: Vec<f64>, given: Given) -> Answer {
         let shown = given.shown();
         let found = self.run(base, given);
-        self.told(found, &nominal, &shown)
+        self.summed_up(found, &nominal, &shown)
     }
 
     /// Rivals, and every effect alone and removed, of the steps of a selection; `nearest` is the gain over its threshold of the best candidate
     /// that was not taken, `shown` what other evidence has shown.
-    pub(super) fn told(
+    pub(super) fn summed_up(
         &self,
         (mut steps, nearest): (Vec<Fit>, f64),
         nominal: &[f64],
@@ -384,7 +386,7 @@ impl<E: Evaluate> Search<'_, E> {
         };
         let removed_alone: Vec<(Fit, Fit)> = last.members.iter().map(alone).collect();
         let strength = |(without, _): &(Fit, Fit)| {
-            (without.held_out - last.held_out) / self.threshold(without).max(1e-12)
+            (self.told(without) - self.told(last)) / self.threshold(without).max(1e-12)
         };
         Answer {
             strengths: removed_alone.iter().map(strength).collect(),
@@ -447,7 +449,9 @@ impl<E: Evaluate> Search<'_, E> {
         let mut nearest = 0.0f64;
         let (screened, from) = self.screen(base, &open);
         let hinted = hint.and_then(|h| Some((*h.members.first()?, h.theta.clone(), 0.0)));
-        for (c, theta, there) in hinted.into_iter().chain(screened) {
+        let strained = open.iter().filter(|c| self.strained(base, **c));
+        let sure = strained.map(|c| (*c, base.theta.clone(), 0.0));
+        for (c, theta, there) in hinted.into_iter().chain(sure).chain(screened) {
             if seen.contains(&c) || seen.len() >= self.limits.refined || there > from - 0.3 * least
             {
                 continue;
@@ -457,12 +461,27 @@ impl<E: Evaluate> Search<'_, E> {
             members.push(c);
             let fit = self.fit(&self.scanned(&theta, c), &members, self.limits.iterations);
             if !self.believed(base, &fit, c, least) {
-                nearest = nearest.max((base.held_out - fit.held_out) / least);
+                nearest = nearest.max((self.told(base) - self.told(&fit)) / least);
             } else if best.as_ref().is_none_or(|b| fit.held_out < b.held_out) {
                 best = Some(fit);
             }
         }
         (best, nearest)
+    }
+
+    /// Whether a nominal number that candidate `c` frees is nearly as far off as its tolerance lets it be.
+    fn strained(&self, base: &Fit, c: usize) -> bool {
+        let far = |i: &usize| {
+            let x = &self.coordinates[*i];
+            (base.theta[*i] - x.neutral).abs() > STRAINED * self.limits.beyond * x.sigma
+        };
+        let free = &self.candidates[c].free;
+        free.iter().all(|i| self.coordinates[*i].sigma > 0.0) && free.iter().any(far)
+    }
+
+    /// Held-out cost, with what the nominal numbers that are off cost.
+    fn told(&self, fit: &Fit) -> f64 {
+        fit.held_out + self.prior_weight(fit.cost) * self.penalty(&fit.members, &fit.theta)
     }
 
     fn believed(&self, base: &Fit, fit: &Fit, c: usize, least: f64) -> bool {
@@ -477,7 +496,7 @@ impl<E: Evaluate> Search<'_, E> {
             let off = (fit.theta[*i] - x.neutral).abs();
             off > 3.0 * fit.deviation[*i] && off > self.limits.beyond * x.sigma
         });
-        let gain = base.held_out - fit.held_out;
+        let gain = self.told(base) - self.told(fit);
         // Where the cost is rough, some play or spring mends a window or two everywhere: a small gain must be one on every gait.
         let springy = self.limits.rough && self.candidates[c].effect.stage() == Stage::Transmission;
         let agreed = wins == base.folds.len() || !springy || gain >= CLEAR * least;
@@ -493,7 +512,7 @@ impl<E: Evaluate> Search<'_, E> {
         for m in full.members.iter().filter(|m| !kept.contains(m)) {
             let fit = self.without(full, *m);
             let least = self.threshold(&fit);
-            if fit.held_out - full.held_out < least
+            if self.told(&fit) - self.told(full) < least
                 && best.as_ref().is_none_or(|b| fit.held_out < b.held_out)
             {
                 best = Some(fit);
