@@ -31,6 +31,13 @@ pub(super) struct Conventions {
     pub(super) winding_ohm: [f64; JOINTS],
 }
 
+impl Conventions {
+    /// Whether some joint follows another one's set-points.
+    pub(super) fn mixed(&self) -> bool {
+        self.order.iter().enumerate().any(|(k, from)| k != *from)
+    }
+}
+
 /// Sums of a straight-line fit.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {

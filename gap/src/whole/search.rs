@@ -450,13 +450,21 @@ impl<E: Evaluate> Search<'_, E> {
         let (screened, from) = self.screen(base, &open);
         let hinted = hint.and_then(|h| Some((*h.members.first()?, h.theta.clone(), 0.0)));
         let strained = open.iter().filter(|c| self.strained(base, **c));
-        let sure = strained.map(|c| (*c, base.theta.clone(), 0.0));
-        for (c, theta, there) in hinted.into_iter().chain(sure).chain(screened) {
-            if seen.contains(&c) || seen.len() >= self.limits.refined || there > from - 0.3 * least
-            {
+        let given = hinted
+            .into_iter()
+            .chain(strained.map(|c| (*c, base.theta.clone(), 0.0)));
+        // What is tried in any case takes no one's turn.
+        let given = given.map(|g| (g, true));
+        for ((c, theta, there), given) in given.chain(screened.into_iter().map(|s| (s, false))) {
+            let turn = !seen.contains(&c)
+                && seen.len() < self.limits.refined
+                && there <= from - 0.3 * least;
+            if !given && !turn {
                 continue;
             }
-            seen.push(c);
+            if !given {
+                seen.push(c);
+            }
             let mut members = base.members.clone();
             members.push(c);
             let fit = self.fit(&self.scanned(&theta, c), &members, self.limits.iterations);

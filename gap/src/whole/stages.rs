@@ -186,6 +186,7 @@ impl Task<'_> {
             fit_runs: &seen.split.fit,
             conventions: &seen.conventions,
             joints,
+            mixed: seen.moved || seen.conventions.mixed(),
         };
         // A replay with a friction that was found is too rough for torques to show a mass besides.
         let other = seen
