@@ -57,7 +57,7 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
         ..Plan::default()
     };
     let plain = Plan::default();
-    let cases: [Planted<'_>; 7] = [
+    let cases: [Planted<'_>; 8] = [
         (
             &plain,
             planted(E::JointOffset, Some(3), &[0.05]),
@@ -77,6 +77,16 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
             0.1,
             0.02,
             Some("all"),
+        ),
+        (
+            &plain,
+            planted(E::VelocityLimit, Some(4), &[0.12]),
+            Effect::VelocityLimit,
+            Some(4),
+            "limit_rad_s",
+            0.12,
+            0.02,
+            None,
         ),
         (
             &plain,

@@ -358,7 +358,9 @@ impl<'a> Searched<'a> {
     /// The answer where a glance has found nothing.
     fn nothing(&self, base: Fit, nearest: f64) -> Answer {
         let nominal = self.nominal();
-        let answer = self.search().summed_up((vec![base], nearest), &nominal, &[]);
+        let answer = self
+            .search()
+            .summed_up((vec![base], nearest), &nominal, &[]);
         self.calibrated(answer)
     }
 

@@ -50,14 +50,15 @@ fn reach(row_s: f64, length_s: f64) -> f64 {
     80.0 * STEP + row_s / length_s
 }
 
-/// Whether at least [`ONE_CLOCK`] joints have arrivals out of place on a clock without drift, and hardly any on one that drifts by `slope`.
-fn shared(addresses: &[&Address], slope: f64) -> bool {
-    let stray = |a: &Address, slope: f64| Placed::new(&[a], slope, 0.0).stray;
-    let mended = |a: &&&Address| {
-        let before = stray(a, 0.0);
-        before > ODD && stray(a, slope) < MENDED * before
-    };
-    addresses.iter().filter(mended).count() >= ONE_CLOCK
+/// Arrivals of every joint out of place on a clock that drifts by `slope`, after the best delay of each.
+fn strays(addresses: &[&Address], slope: f64) -> Vec<f64> {
+    let one = |a: &&Address| Placed::new(&[a], slope, 0.0).stray;
+    addresses.iter().map(one).collect()
+}
+
+/// Whether so many joints are that a clock may be the cause.
+fn many(joints: impl Iterator<Item = bool>) -> bool {
+    joints.filter(|x| *x).count() >= ONE_CLOCK
 }
 
 /// Drift of the delays that all joints share, and its error.
@@ -72,10 +73,11 @@ pub(super) fn clock(addresses: &[Option<Address>]) -> Option<(f64, f64)> {
     let agree = |d: &&(f64, f64)| (d.0 - slope).abs() <= 0.1 * slope.abs() + 3.0 * d.1;
     let error = math::median(&drifts.iter().map(|d| d.1).collect::<Vec<_>>());
     let seen = (slope * a.length_s).abs() > DRIFTED * a.row_s && slope.abs() > 5.0 * error;
-    let seen = seen && drifts.iter().filter(agree).count() >= ONE_CLOCK;
+    let seen = seen && many(drifts.iter().map(|d| agree(&d)));
     let known: Vec<&Address> = addresses.iter().flatten().collect();
     let few = STRAY * known.iter().map(|a| a.sent()).sum::<f64>();
-    if !seen && Placed::new(&known, 0.0, few).stray <= ODD * ONE_CLOCK as f64 {
+    let still = strays(&known, 0.0);
+    if !seen && !many(still.iter().map(|s| *s > ODD)) {
         return None;
     }
     // Rows beat with the drift: the slope at which fewest arrivals are out of place is better than a straight line through them. A clock
@@ -97,7 +99,8 @@ pub(super) fn clock(addresses: &[Option<Address>]) -> Option<(f64, f64)> {
         .map(|t| t.slope)
         .collect();
     let best = math::mean(&best);
-    if !seen && !shared(&known, best) {
+    let mended = |(before, after): (&f64, f64)| *before > ODD && after < MENDED * before;
+    if !seen && !many(still.iter().zip(strays(&known, best)).map(mended)) {
         return None;
     }
     // Rows and ticks let a clock slip by a tick over the whole run unseen.

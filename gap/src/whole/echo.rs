@@ -530,6 +530,48 @@ mod tests {
         }
     }
 
+    /// Six runs of 12 s on a clock whose delays grow by `slope`, with a delay of its own for every set-point; drivers look once a millisecond.
+    fn slipping(slope: f64, delay_s: &mut dyn FnMut() -> f64) -> Address {
+        let row_s = 0.025;
+        let mut one = |i: u32| {
+            let sent = 0.05 * f64::from(i);
+            let arrived = (1e3 * (sent * (1.0 + slope) + delay_s()) - 1e-6).ceil() / 1e3;
+            let seen = (arrived / row_s - 1e-6).ceil() * row_s;
+            (sent, Some(seen - sent))
+        };
+        Address {
+            step_rad: 0.0,
+            row_s,
+            spacing_s: 0.05,
+            length_s: 12.0,
+            runs: (0..6).map(|_| (0..239).map(&mut one).collect()).collect(),
+        }
+    }
+
+    #[test]
+    fn a_clock_that_slips_by_a_row_or_two_is_told_from_jitter() {
+        let mut rng = math::Rng::new(8);
+        let six = |slope: f64, jitters: usize, rng: &mut math::Rng| -> Vec<Option<Address>> {
+            let one = |k: usize| {
+                let mut late = || 0.02 * rng.normal().abs();
+                let mut none = || 0.0;
+                let delay_s: &mut dyn FnMut() -> f64 =
+                    if k < jitters { &mut late } else { &mut none };
+                Some(slipping(slope, delay_s))
+            };
+            (0..JOINTS).map(one).collect()
+        };
+        for (slope, jitters) in [(0.00225, 0), (0.0042, 2), (-0.0042, 0)] {
+            let found = clock(&six(slope, jitters, &mut rng));
+            let near = found.is_some_and(|(s, _)| (s - slope).abs() < 1.5e-4);
+            assert!(near, "{slope} {jitters} {found:?}");
+        }
+        for jitters in [0, 2, 4] {
+            let found = clock(&six(0.0, jitters, &mut rng));
+            assert!(found.is_none(), "{jitters} {found:?}");
+        }
+    }
+
     #[test]
     fn a_grid_is_found_with_its_step_and_nothing_else_is_one() {
         let track = |f: &dyn Fn(f64) -> f64| Track {

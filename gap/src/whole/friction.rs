@@ -119,6 +119,13 @@ fn put(found: &mut body::Found, ratio: f64) {
     found.answer.steps.push(fit);
 }
 
+/// Takes back a friction that was put in and is not borne out.
+pub(super) fn forget(found: &mut body::Found) {
+    if found.answer.steps.len() > 1 {
+        found.answer.steps.pop();
+    }
+}
+
 fn estimate(model: &Model, ratio: f64) -> Estimate {
     let value = model.value(Key::Friction) * ratio;
     exact(value, 1.96 * ERROR * value)

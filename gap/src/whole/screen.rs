@@ -6,6 +6,8 @@ use super::least::{add, blocks, cost, solve, total};
 use super::search::Search;
 use super::terms::{Evaluate, Fit};
 
+/// Share of its tolerance's reach from which a nominal number may stand for its own effect, which is tried then.
+const STRAINED: f64 = 0.8;
 /// A candidate with more starts than this is searched by its starts alone.
 const DENSE: usize = 20;
 
@@ -80,6 +82,16 @@ impl<E: Evaluate> Search<'_, E> {
             .collect();
         out.sort_by(|a, b| a.2.total_cmp(&b.2));
         (out, cost(&r0))
+    }
+
+    /// Whether a nominal number that candidate `c` frees is nearly as far off as its tolerance lets it be.
+    pub(super) fn strained(&self, base: &Fit, c: usize) -> bool {
+        let far = |i: &usize| {
+            let x = &self.coordinates[*i];
+            (base.theta[*i] - x.neutral).abs() > STRAINED * self.limits.beyond * x.sigma
+        };
+        let free = &self.candidates[c].free;
+        free.iter().all(|i| self.coordinates[*i].sigma > 0.0) && free.iter().any(far)
     }
 
     /// For a candidate that is searched by starts: the best of a fine scan around `theta`.

@@ -17,8 +17,6 @@ const NO_WORSE: f64 = 1.3;
 /// Gain over its threshold from which a gait may disagree about a play or spring where the cost is rough: a robot without one showed 1.7 on
 /// three gaits of four.
 const CLEAR: f64 = 2.0;
-/// Share of its tolerance's reach from which a nominal number may stand for its own effect, which is tried then.
-const STRAINED: f64 = 0.8;
 /// Standard deviations within which a number may be none.
 const NONE: f64 = 1.96;
 /// What is known before a search.
@@ -477,16 +475,6 @@ impl<E: Evaluate> Search<'_, E> {
         (best, nearest)
     }
 
-    /// Whether a nominal number that candidate `c` frees is nearly as far off as its tolerance lets it be.
-    fn strained(&self, base: &Fit, c: usize) -> bool {
-        let far = |i: &usize| {
-            let x = &self.coordinates[*i];
-            (base.theta[*i] - x.neutral).abs() > STRAINED * self.limits.beyond * x.sigma
-        };
-        let free = &self.candidates[c].free;
-        free.iter().all(|i| self.coordinates[*i].sigma > 0.0) && free.iter().any(far)
-    }
-
     /// Held-out cost, with what the nominal numbers that are off cost.
     fn told(&self, fit: &Fit) -> f64 {
         fit.held_out + self.prior_weight(fit.cost) * self.penalty(&fit.members, &fit.theta)
@@ -569,7 +557,24 @@ impl<E: Evaluate> Search<'_, E> {
             let x = &self.candidates[*c].free;
             x.len() <= own.free.len() || !own.free.iter().all(|i| x.contains(i))
         });
-        let mut out: Vec<Rival> = Vec::new();
+        // The same numbers under another name leave the same.
+        let (same, open): (Vec<usize>, Vec<usize>) = open
+            .into_iter()
+            .partition(|c| self.candidates[*c].free == own.free);
+        let renamed = |c: usize| {
+            let name = |m: &usize| if *m == member { c } else { *m };
+            let members = full.members.iter().map(name).collect();
+            let fit = Fit {
+                members,
+                ..full.clone()
+            };
+            Rival {
+                candidate: c,
+                ratio: 1.0,
+                fit,
+            }
+        };
+        let mut out: Vec<Rival> = same.into_iter().map(renamed).collect();
         for (c, theta, _) in self.screen(&without, &open).0 {
             if out.len() >= most {
                 break;

@@ -205,13 +205,22 @@ impl Task<'_> {
         let slips = seen.reads(Effect::GroundFriction)
             || seen.holds(|c| c.effect == Effect::GroundFriction);
         let mut body = seen.body.take();
+        let mut slips = slips;
         if let Some(b) = body.as_mut().filter(|_| slips && !rough) {
             let again = friction::again(b, self.model, |with| {
                 replay.moments(&mut loads.windows.clone(), with)
             });
-            let own = |r: &&mut direct::Reading| r.effect == Effect::GroundFriction;
-            if let Some((r, value)) = seen.direct.iter_mut().find(own).zip(again) {
-                r.estimate = value;
+            let own = |r: &direct::Reading| r.effect == Effect::GroundFriction;
+            let read = seen.direct.iter().position(own);
+            match (read, again) {
+                (Some(at), Some(value)) => seen.direct[at].estimate = value,
+                // It was the joints' own friction.
+                (Some(at), None) => {
+                    seen.direct.remove(at);
+                    friction::forget(b);
+                    slips = false;
+                }
+                (None, _) => {}
             }
         }
         seen.body = body;

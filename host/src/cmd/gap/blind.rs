@@ -287,7 +287,8 @@ fn score_all(
 /// A folder holds one suite: another seed or size there would mix two.
 fn same_suite(args: &Args) -> Outcome {
     let path = args.output.join("suite.json");
-    let mine = json!({ "seed": args.seed, "cases": args.cases(), "nulls": args.nulls() }).to_string();
+    let mine =
+        json!({ "seed": args.seed, "cases": args.cases(), "nulls": args.nulls() }).to_string();
     match fs::read_to_string(&path) {
         Ok(there) if there.trim() != mine => {
             let text = format!(
