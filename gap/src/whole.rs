@@ -25,6 +25,8 @@ mod joint_library;
 mod joints;
 mod last_word;
 mod least;
+#[cfg(test)]
+mod linear;
 mod loads;
 mod open;
 mod optimum;

@@ -1,0 +1,152 @@
+//! The search on a linear model, whose answers are known.
+
+use super::search::Search;
+use super::terms::{Answer, Candidate, Coordinate, Evaluate, Limits};
+use crate::math::Rng;
+use crate::vocabulary::Effect;
+
+/// Coordinates: a nominal number, and two that are none.
+const NOMINAL: usize = 0;
+const FIRST: usize = 1;
+const SECOND: usize = 2;
+const COUNT: usize = 3;
+/// Gaits, and samples of each.
+const GAITS: usize = 4;
+const SAMPLES: usize = 200;
+
+/// What samples are, by gait: the numbers' weights in each, and the value measured.
+struct Line {
+    samples: Vec<Vec<([f64; COUNT], f64)>>,
+}
+
+impl Line {
+    /// Measured with the numbers `truth` and noise of one tolerance.
+    fn new(truth: [f64; COUNT], seed: u64) -> Self {
+        let mut rng = Rng::new(seed);
+        let mut one = |_| {
+            let weights: [f64; COUNT] = std::array::from_fn(|_| 4.0 * rng.normal());
+            let exact: f64 = weights.iter().zip(truth).map(|(w, x)| w * x).sum();
+            (weights, exact + rng.normal())
+        };
+        let mut gait = |_| (0..SAMPLES).map(&mut one).collect();
+        Self {
+            samples: (0..GAITS).map(&mut gait).collect(),
+        }
+    }
+}
+
+impl Evaluate for Line {
+    fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>> {
+        let left = |(weights, value): &([f64; COUNT], f64)| {
+            weights.iter().zip(theta).map(|(w, x)| w * x).sum::<f64>() - value
+        };
+        let gait = |samples: &Vec<_>| samples.iter().map(left).collect();
+        self.samples.iter().map(gait).collect()
+    }
+}
+
+fn coordinates() -> Vec<Coordinate> {
+    let of = |neutral: f64, sigma: f64| Coordinate {
+        neutral,
+        sigma,
+        step: 0.01,
+        range: [-50.0, 50.0],
+    };
+    vec![of(1.0, 0.1), of(0.0, 0.0), of(0.0, 0.0)]
+}
+
+fn candidate(effect: Effect, free: &[usize], starts: &[&[f64]]) -> Candidate {
+    Candidate {
+        effect,
+        joint: Some(0),
+        free: free.to_vec(),
+        starts: starts.iter().map(|s| s.to_vec()).collect(),
+    }
+}
+
+fn answer(line: &Line, candidates: &[Candidate]) -> Answer {
+    let coordinates = coordinates();
+    let search = Search {
+        model: line,
+        coordinates: &coordinates,
+        candidates,
+        limits: Limits {
+            share: 0.12,
+            least: 0.1,
+            relative: 0.1,
+            of_first: 0.02,
+            floor: 1.0,
+            independent: 100.0,
+            most: 3,
+            beyond: 3.0,
+            refined: 4,
+            iterations: 4,
+            rough: false,
+        },
+    };
+    let nominal: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
+    search.answer(search.fit(&nominal, &[], 4), nominal)
+}
+
+fn named(answer: &Answer) -> Vec<Effect> {
+    let of = |m: &usize| answer.candidates[*m].effect;
+    answer.last().members.iter().map(of).collect()
+}
+
+#[test]
+fn a_nominal_number_beyond_its_tolerance_is_an_effect_though_no_start_leads_there() {
+    let gain = [candidate(Effect::LoopGain, &[NOMINAL], &[])];
+    for (truth, effects) in [(1.6, vec![Effect::LoopGain]), (1.2, Vec::new())] {
+        let found = answer(&Line::new([truth, 0.0, 0.0], 3), &gain);
+        assert_eq!(named(&found), effects, "{truth}");
+        let value = found.last().theta[NOMINAL];
+        assert!((value - truth).abs() < 0.03, "{truth}: {value}");
+    }
+}
+
+#[test]
+fn the_same_numbers_under_two_names_are_one_class() {
+    let limits = [
+        candidate(Effect::TorqueLimit, &[FIRST], &[&[0.5]]),
+        candidate(Effect::CurrentLimit, &[FIRST], &[&[0.5]]),
+    ];
+    let found = answer(&Line::new([1.0, 0.8, 0.0], 4), &limits);
+    assert_eq!(found.last().members.len(), 1);
+    let rival = &found.rivals[0][0];
+    assert!(!found.last().members.contains(&rival.candidate));
+    assert_eq!((rival.ratio, &rival.fit.theta), (1.0, &found.last().theta));
+}
+
+#[test]
+fn an_effect_whose_further_number_is_none_gives_way_to_the_simpler_one() {
+    let frictions = [
+        candidate(
+            Effect::AsymmetricFriction,
+            &[FIRST, SECOND],
+            &[&[0.5, 0.0], &[0.5, 0.3]],
+        ),
+        candidate(Effect::CoulombFriction, &[FIRST], &[&[0.5]]),
+    ];
+    for seed in 0..8 {
+        let plain = answer(&Line::new([1.0, 0.8, 0.0], seed), &frictions);
+        assert_eq!(named(&plain), [Effect::CoulombFriction], "{seed}");
+        let skew = answer(&Line::new([1.0, 0.8, 0.4], seed), &frictions);
+        assert_eq!(named(&skew), [Effect::AsymmetricFriction], "{seed}");
+    }
+}
+
+#[test]
+fn effects_are_found_together_and_nothing_where_nothing_is() {
+    let both = [
+        candidate(Effect::ViscousFriction, &[FIRST], &[&[0.3]]),
+        candidate(Effect::QuadraticFriction, &[SECOND], &[&[0.3]]),
+    ];
+    let found = answer(&Line::new([1.05, 0.5, 0.7], 5), &both);
+    let mut names = named(&found);
+    names.sort_unstable_by_key(|e| e.name());
+    assert_eq!(names, [Effect::QuadraticFriction, Effect::ViscousFriction]);
+    for seed in 0..20 {
+        let found = answer(&Line::new([1.05, 0.0, 0.0], seed), &both);
+        assert!(found.last().members.is_empty() && found.nearest < 0.5);
+    }
+}
