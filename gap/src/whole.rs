@@ -21,6 +21,7 @@ mod found;
 mod friction;
 mod gaits;
 pub mod inertial;
+mod intervals;
 mod joint_library;
 mod joints;
 mod last_word;

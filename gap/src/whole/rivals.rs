@@ -6,6 +6,7 @@ use files::model::Model;
 
 use super::Parts;
 use super::found::{self, Item, Place};
+use super::intervals::estimates;
 use super::patch::patched;
 use super::steady::Change;
 use crate::verdict::{EffectRow, Estimate, Verdict, Word};
@@ -52,7 +53,7 @@ fn values(d: &Parts, item: &Item, effect: Effect) -> Option<BTreeMap<String, Est
     });
     let (candidate, fit) = found?;
     let parameters = found::body_parameters(effect, None, d.friction);
-    Some(found::estimates(&parameters, &candidate.free, fit))
+    Some(estimates(&parameters, &candidate.free, fit))
 }
 
 /// The first class of the verdict, where the body alone holds it.
