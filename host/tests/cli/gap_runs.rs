@@ -1,9 +1,10 @@
 //! The checks of the diagnosis from end to end, as small as they get: sealed suites, grafts, the closed loop.
 
 use std::fs;
+use std::process::{Command, Stdio};
 
 use crate::bench::Joint;
-use crate::rig::{Done, Folder, rb};
+use crate::rig::{Done, Folder, command, finish, rb};
 
 /// The figure called `name` of a score table: value and number of cases.
 #[track_caller]
@@ -67,6 +68,27 @@ fn a_sealed_suite_of_joints_is_scored_and_goes_on_where_it_stopped() {
         "{}",
         refused.err
     );
+}
+
+#[test]
+fn a_suite_that_is_interrupted_says_how_to_go_on() {
+    let folder = Folder::new("blind_stopped");
+    let args = [
+        "gap", "blind", "-o", "b", "--cases", "60", "--nulls", "0", "--jobs", "1",
+    ];
+    let child = command(&folder, &args)
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    while !folder.path("b/labels/case_0000.json").exists() {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let id = child.id().to_string();
+    Command::new("kill").args(["-INT", &id]).status().unwrap();
+    let done = finish(child.wait_with_output().unwrap()).expect(130);
+    assert!(done.err.contains("goes on from there"), "{}", done.err);
+    assert!(folder.path("b/labels/case_0000.json").exists());
 }
 
 #[test]

@@ -113,7 +113,7 @@ pub(super) fn each(count: usize, jobs: usize, work: impl Fn(usize) -> Outcome + 
     };
     std::thread::scope(|s| {
         let handles: Vec<_> = (0..jobs).map(|_| s.spawn(worker)).collect();
-        let mut result = Ok(());
+        let mut result: Outcome = Ok(());
         for h in handles {
             let one = h
                 .join()
@@ -121,7 +121,12 @@ pub(super) fn each(count: usize, jobs: usize, work: impl Fn(usize) -> Outcome + 
             result = result.and(one);
         }
         result
-    })
+    })?;
+    if crate::interrupt::pressed() {
+        let text = "stopped; what is done is kept, and the same command goes on from there";
+        return Err(Failure::say(Exit::Interrupted, text));
+    }
+    Ok(())
 }
 
 pub(super) fn run(args: &Args, context: &Context) -> Outcome {
@@ -145,7 +150,7 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     if bench {
         joints(args, jobs, context)?;
     }
-    if let Some(count) = args.whole.filter(|_| !crate::interrupt::pressed()) {
+    if let Some(count) = args.whole {
         let suite = blind_whole::Suite {
             output: &args.output,
             count,
