@@ -68,6 +68,9 @@ pub(super) fn clock(addresses: &[Option<Address>]) -> Option<(f64, f64)> {
         .flatten()
         .filter_map(Address::drift)
         .collect();
+    if drifts.is_empty() {
+        return None;
+    }
     let slope = math::median(&drifts.iter().map(|d| d.0).collect::<Vec<_>>());
     let a = addresses.iter().flatten().next()?;
     let agree = |d: &&(f64, f64)| (d.0 - slope).abs() <= 0.1 * slope.abs() + 3.0 * d.1;
