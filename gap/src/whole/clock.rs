@@ -6,7 +6,7 @@ use super::echo::{Address, STRAY, TICK_S};
 use crate::math;
 
 /// Joints that must agree on a clock.
-const ONE_CLOCK: usize = 3;
+pub(super) const ONE_CLOCK: usize = 3;
 /// Least drift over the longest run, in rows: less shows as arrivals one row late at most.
 const DRIFTED: f64 = 0.7;
 /// Slopes that are tried are this far apart.

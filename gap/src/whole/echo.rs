@@ -366,8 +366,8 @@ impl Address {
         out: &mut Vec<Reading>,
     ) -> Option<Spread> {
         let arrived: f64 = rows.iter().sum();
-        // Where the clock drifts, rows are met at every phase, and a few at the very edge.
-        let few = if slope == 0.0 { STRAY } else { 5.0 * STRAY };
+        // Where the clock drifts, rows are met at every phase, and 1.5 to 2 % of them at the very edge.
+        let few = if slope == 0.0 { STRAY } else { 10.0 * STRAY };
         let wide = constant.stray > (few * arrived).max(8.0);
         // A few late ones are the tail of a jitter that mostly hides within a row.
         let tail = slope == 0.0 && constant.stray >= TAIL && constant.late_s[1] > 0.0;

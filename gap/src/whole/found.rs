@@ -7,6 +7,7 @@ use super::answer::permutation;
 use super::body::{self, B};
 use super::body_library;
 use super::camera::C;
+use super::clock::ONE_CLOCK;
 use super::intervals::{REPLAYED, estimates, played, sensed};
 use super::search::Answer;
 use super::servo::{J, Nominal};
@@ -291,9 +292,6 @@ fn twin(d: &Parts, effect: Effect) -> Option<Rival> {
         margin: 0.0,
     })
 }
-
-/// Joints that must agree on a clock for it to be the robot's.
-const ONE_CLOCK: usize = 3;
 
 /// One clock drives all joints: what several joints say of it is one finding, with the median of their values.
 fn one_clock(mut items: Vec<Item>) -> Vec<Item> {

@@ -1,12 +1,13 @@
 //! What is changed about a joint's answer when the search is over.
 
 use super::answer::REMAINDER;
+use super::clock::ONE_CLOCK;
 use super::joints::{Found, Tier};
 use super::open;
 use super::score::{Score, State};
 use super::search::{Answer, Coordinate, Fit};
 use super::servo::{J, JointRun};
-use crate::vocabulary::Stage;
+use crate::vocabulary::{Effect, Stage};
 
 /// The first effect whose interval holds the value at which it is none, by its place among those found, and the fit without it.
 pub(super) fn doubted(answer: &Answer, coordinates: &[Coordinate]) -> Option<(usize, Fit)> {
@@ -85,6 +86,24 @@ impl Found {
         let stays = excess(last) > STAYS * excess(&answer.steps[0]);
         let found = !last.members.is_empty() && last.members.iter().all(straight);
         found && last.cost > REMAINDER && stays
+    }
+}
+
+/// Takes the clock away from joints that alone say that it is skewed: all joints share it.
+pub(super) fn one_clock(joints: &mut [Found]) {
+    let clock = |f: &Found| {
+        let of = |m: &usize| f.answer.candidates[*m].effect == Effect::ClockSkew;
+        f.answer.last().members.iter().position(of)
+    };
+    let said = joints.iter().filter(|f| clock(f).is_some()).count();
+    if joints.len() < ONE_CLOCK || said >= ONE_CLOCK {
+        return;
+    }
+    for f in joints {
+        if let Some(m) = clock(f) {
+            let without = f.answer.removed_alone[m].0.clone();
+            f.answer.drop_member(m, without);
+        }
     }
 }
 

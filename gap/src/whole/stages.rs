@@ -169,6 +169,7 @@ impl Task<'_> {
             .into_par_iter()
             .map(|tier| joints::diagnose(tier, self.model, &seen.conventions, withhold))
             .collect();
+        last_word::one_clock(&mut found);
         last_word::mark(&mut found, seen.body.is_some());
         found
     }
