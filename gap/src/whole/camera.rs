@@ -187,6 +187,14 @@ pub(super) fn robot(model: &Model) -> Option<RobotModel> {
     .ok()
 }
 
+/// Time between two frames of which none is missing in between, s: of frames at `t_s`, more than a tenth follow the one before at once.
+fn period_s(t_s: &[f64]) -> f64 {
+    let steps: Vec<f64> = t_s.windows(2).map(|w| w[1] - w[0]).collect();
+    let short = 1.5 * math::quantile(&steps, 0.1);
+    let single: Vec<f64> = steps.into_iter().filter(|s| *s <= short).collect();
+    math::median(&single).max(1e-3)
+}
+
 impl Tier {
     /// Frames of the runs `fit`; `None` without films or poses.
     pub(super) fn new(
@@ -207,10 +215,9 @@ impl Tier {
             let run = &data.runs[r];
             let t: Vec<f64> = film.frames.iter().map(|f| f.0).collect();
             if let (Some(first), Some(last)) = (t.first(), t.last()) {
-                let steps: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
-                let step = math::median(&steps).max(1e-3);
-                seen += t.len() as f64;
-                expected += ((last - first) / step).round() + 1.0;
+                // First and last are there by choice.
+                seen += t.len() as f64 - 2.0;
+                expected += ((last - first) / period_s(&t)).round() - 1.0;
             }
             // A pose that was read off the film says nothing of the film.
             let tracked = run.base.as_ref().is_some_and(|b| b.filmed.is_none());
@@ -250,7 +257,7 @@ impl Tier {
             size,
             focal_px,
             frames,
-            dropped: 1.0 - seen / f64::max(expected, 1.0),
+            dropped: 1.0 - seen.max(0.0) / f64::max(expected, 1.0),
             expected,
         })
     }
