@@ -147,7 +147,7 @@ pub enum RobotCaseError {
         /// Its parameters.
         most: usize,
     },
-    /// The physics refuses the parameters.
+    /// The physics refuses the parameters, or the robot flies apart.
     #[error("no robot can have these parameters; make the effect smaller")]
     Impossible,
 }
@@ -155,7 +155,12 @@ pub enum RobotCaseError {
 /// The plan of case number `index` of the suite `seed`; `index` from 1000 on makes cases without effect only.
 #[must_use]
 pub fn plan(seed: u64, index: usize) -> Plan {
-    let mut rng = Rng::new(seed, 0xB2, index as u64);
+    plan_anew(seed, index, 0)
+}
+
+/// The plan that takes the place of case number `index` where `times` others before it turned out impossible.
+pub fn plan_anew(seed: u64, index: usize, times: u32) -> Plan {
+    let mut rng = Rng::new(seed, 0xB2 + 0x100 * u64::from(times), index as u64);
     let (kind, planted) = if index >= 1000 {
         ("null", Vec::new())
     } else {
@@ -212,7 +217,7 @@ pub fn play(plan: &Plan, gait: &Gait, run: u64) -> Result<Ride, RobotCaseError> 
 /// Makes a case from its plan, playing each of `gaits`.
 ///
 /// # Errors
-/// [`RobotCaseError::Impossible`] for parameters that the physics refuses.
+/// [`RobotCaseError::Impossible`] for parameters that the physics refuses or with which the robot flies apart.
 pub fn case(plan: &Plan, gaits: &[Gait]) -> Result<Case, RobotCaseError> {
     let truth =
         reality::Reality::new(plan.seed, &plan.planted).ok_or(RobotCaseError::Impossible)?;
@@ -237,6 +242,9 @@ pub fn case(plan: &Plan, gaits: &[Gait]) -> Result<Case, RobotCaseError> {
             let mut machine =
                 machine::Machine::new(&truth, gait, Some(run)).ok_or(RobotCaseError::Impossible)?;
             let track = machine.record(samples);
+            if track.iter().any(machine::Sample::is_absurd) {
+                return Err(RobotCaseError::Impossible);
+            }
             let name = write::run_name(gait, repeat);
             let mut noise = Rng::new(plan.seed, 0x4E, run.1);
             files.push((

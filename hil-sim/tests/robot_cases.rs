@@ -3,7 +3,7 @@
 use control::gait::Gait;
 use files::dataset::Signal;
 use files::dataset::{Manifest, Recording};
-use hil_sim::robot_cases::{Case, Plan, SeenBy, case, plan, planted};
+use hil_sim::robot_cases::{Case, Plan, RobotCaseError, SeenBy, case, plan, plan_anew, planted};
 
 fn gait(name: &str) -> Gait {
     let path = format!("{}/../gaits/{name}.toml", env!("CARGO_MANIFEST_DIR"));
@@ -161,4 +161,17 @@ fn a_suite_holds_its_shares_and_every_effect_can_be_made() {
             "{effect}"
         );
     }
+}
+
+#[test]
+fn a_robot_that_flies_apart_is_no_case_and_another_is_drawn() {
+    // Less than its own inertia behind a connector with play is none.
+    let causes = [
+        ("connector_play", None, &[0.0127][..]),
+        ("inertia", Some(3), &[0.557][..]),
+    ];
+    let made = case(&short(&causes), &[gait("crawl")]);
+    assert!(matches!(made, Err(RobotCaseError::Impossible)));
+    assert_eq!(plan_anew(1, 7, 0), plan(1, 7));
+    assert_ne!(plan_anew(1, 7, 1), plan(1, 7));
 }

@@ -56,6 +56,15 @@ pub(super) struct Sample {
     pub(super) link_rad: [f32; JOINTS],
 }
 
+impl Sample {
+    /// Whether the numbers belong to no robot: an angle of a thousand turns, a base a kilometre away, or none at all.
+    pub(super) fn is_absurd(&self) -> bool {
+        let far = |x: &f64| !x.is_finite() || x.abs() > 6e3;
+        let lost = |x: &f32| !x.is_finite() || x.abs() > 1e3;
+        self.encoder_rad.iter().any(far) || self.base.position_m.iter().any(lost)
+    }
+}
+
 /// Everything that goes on, to begin again from it.
 #[derive(Clone)]
 pub(super) struct Snapshot {
