@@ -43,8 +43,8 @@ const SUPPLY_V: f64 = 12.0;
 const SUPPLY_SPREAD_V: f64 = 0.15;
 /// Least source resistance that counts, ohm: below it six motors at 0.5 A move the bus by less than 0.1 V.
 const LEAST_OHM: f64 = 0.03;
-/// Relative error of a source resistance: a reading of the current that is filtered misses its chatter, whose heat the bus carries too; five came out 7 to
-/// 15 % high (emulated robots).
+/// Relative error of a source resistance: five came out 7 to 15 % high (emulated robots), perhaps because filtered readings of the current miss
+/// its chatter, which the bus carries too.
 const FILTERED: f64 = 0.08;
 /// Speed and slope of the angle that differ by more than this are no steady motion, rad/s.
 const STEADY_RAD_S: f64 = 0.08;

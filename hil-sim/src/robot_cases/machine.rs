@@ -97,10 +97,10 @@ impl Snapshot {
             let read = |joint_rad: f64| after.read_as(before.reading(joint_rad));
             let encoder_rad = state.encoder_rad(&was.drives[from]);
             let factor = read(1.0) - read(0.0);
-            let goal_at = |order: &[usize; JOINTS], joint: usize| {
+            let column_of = |order: &[usize; JOINTS], joint: usize| {
                 order.iter().position(|j| *j == joint).unwrap_or(joint)
             };
-            let sender = was.order[goal_at(&now.order, to)];
+            let sender = was.order[column_of(&now.order, to)];
             (angles_rad[to], speeds_rad_s[to]) =
                 state.rejoin(&now.drives[to], read(encoder_rad), factor);
             state.take_orders(&self.drives[sender], after);
