@@ -9,6 +9,7 @@ mod belief;
 mod body;
 mod body_answer;
 mod body_library;
+mod body_rest;
 mod camera;
 mod clock;
 mod conventions;

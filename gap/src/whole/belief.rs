@@ -4,11 +4,11 @@
 //! constants are chosen, not fitted: near a threshold four of five answers are right, far from it nearly all. What a sealed suite makes of
 //! them is its calibration error (docs/diagnosis-data.md).
 
-use super::answer::REMAINDER;
-use super::found::{self, Item};
+use super::found::{self, Item, Place};
 use super::{Parts, open, search};
 use crate::math;
 use crate::verdict::{Probabilities, Word};
+use crate::vocabulary::Stage;
 
 /// Share of the gap that must be explained for `explained`.
 const EXPLAINED: f64 = 0.8;
@@ -75,12 +75,14 @@ fn curve(at: [f64; 2], x: f64) -> f64 {
 
 /// What speaks for and against a remainder.
 pub(super) struct Remainder {
-    /// Largest cost that a tier keeps.
+    /// Largest cost that a tier keeps, over that above which something is left.
     worst: f64,
     /// Share of all excess that was explained.
     explained: f64,
     /// Evidence that something follows a law that the library does not hold, in thresholds; 0 = none.
     odd: f64,
+    /// Evidence that the simulator misses something of the body, in thresholds; 0 = none.
+    body: f64,
     /// Gain of the best effect that was not taken, over its threshold.
     nearest: f64,
 }
@@ -96,7 +98,6 @@ fn answers(d: &Parts) -> impl Iterator<Item = &search::Answer> {
 fn odd(d: &Parts) -> f64 {
     let broken = d.conventions.echo.iter().any(|e| e.odd) || !found::nameless(d).is_empty();
     let unsteady = d.body.as_ref().is_some_and(|b| b.changes.is_some());
-    let off = d.body.as_ref().map_or(0.0, |b| b.off);
     let laws = d
         .joints
         .iter()
@@ -105,7 +106,6 @@ fn odd(d: &Parts) -> f64 {
     let flags = [
         if broken { BROKEN } else { 0.0 },
         if unsteady { UNSTEADY } else { 0.0 },
-        off,
     ];
     laws.chain(flags).fold(0.0, f64::max)
 }
@@ -115,7 +115,7 @@ impl Remainder {
         let excess = |cost: f64| (cost - 1.0).max(0.0);
         let (mut worst, mut first, mut last, mut nearest) = (0.0f64, 0.0, 0.0, 0.0f64);
         for a in answers(d) {
-            worst = worst.max(a.last().cost);
+            worst = worst.max(a.last().cost / a.limits.remainder);
             first += excess(math::mean(&a.nominal_groups));
             last += excess(a.last().cost);
             nearest = nearest.max(a.nearest);
@@ -127,21 +127,30 @@ impl Remainder {
         };
         let left = d.joints.iter().map(|f| &f.answer);
         let least = left
-            .filter(|a| a.last().cost > REMAINDER)
+            .filter(|a| a.last().cost > a.limits.remainder)
             .map(share)
             .fold(1.0, f64::min);
         Self {
             worst,
             explained: explained.min(least),
             odd: odd(d),
+            body: d.body.as_ref().map_or(0.0, |b| b.rest.evidence),
             nearest,
         }
     }
 
     /// The word of the verdict.
     pub(super) fn word(&self, items: &[Item]) -> Word {
-        let left = self.worst > REMAINDER || self.odd > 0.0;
-        let explained = self.explained >= EXPLAINED && self.odd == 0.0;
+        let left = self.worst > 1.0 || self.odd > 0.0 || self.body > 0.0;
+        // What the body keeps takes nothing from what joints and signals show, but leaves nothing explained that the body shows,
+        // nor what rests on loads that were replayed with it.
+        let own = |i: &Item| {
+            let loads = [Stage::Body, Stage::Drivetrain].contains(&i.effect.stage());
+            loads || matches!(i.place, Place::Body(_))
+        };
+        let elsewhere = || items.iter().any(|i| !own(i));
+        let kept = self.body > 0.0 && !elsewhere();
+        let explained = self.explained >= EXPLAINED && self.odd == 0.0 && !kept;
         match (items.is_empty(), left) {
             (true, false) => Word::None,
             (true, true) => Word::Unknown,
@@ -154,7 +163,7 @@ impl Remainder {
 
     /// What to believe of `items` and of what they leave.
     pub(super) fn belief(&self, word: Word, items: &[Item]) -> Belief {
-        let beyond = self.worst / REMAINDER;
+        let beyond = self.worst;
         let each = |i: &Item| curve(EFFECT, libm::log(i.strength.clamp(1.0, 100.0)));
         let right: Vec<f64> = items.iter().map(each).collect();
         let weights: Vec<f64> = items
@@ -173,7 +182,8 @@ impl Remainder {
                 Belief::new(none, 1.0 - none, &[])
             }
             Word::Unknown => {
-                let unknown = curve(UNKNOWN, libm::log(beyond.max(self.odd).clamp(1.0, 100.0)));
+                let evidence = beyond.max(self.odd).max(self.body);
+                let unknown = curve(UNKNOWN, libm::log(evidence.clamp(1.0, 100.0)));
                 let rest = 1.0 - unknown;
                 Belief::new(NOTHING * rest, unknown, &shared((1.0 - NOTHING) * rest))
             }
@@ -220,9 +230,10 @@ mod tests {
         for word in words {
             for _ in 0..200 {
                 let r = Remainder {
-                    worst: 20.0 * rng.uniform(),
+                    worst: 3.0 * rng.uniform(),
                     explained: rng.uniform(),
                     odd: 3.0 * rng.uniform(),
+                    body: 3.0 * rng.uniform(),
                     nearest: rng.uniform(),
                 };
                 let b = r.belief(word, &[]);

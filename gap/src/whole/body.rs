@@ -115,6 +115,8 @@ pub(super) struct Tier {
     factors: Vec<Vec<f64>>,
     /// Floor of the tolerances: m, share of the way, rad.
     floor: [f64; 3],
+    /// Windows start from the inertial sensor.
+    sensed: bool,
     pub(super) group: Vec<usize>,
     pub(super) groups: usize,
     pub(super) maps: [LinkMap; JOINTS],
@@ -176,6 +178,7 @@ impl Tier {
             spreads: Vec::new(),
             factors: Vec::new(),
             floor: FLOOR,
+            sensed: false,
             groups: names.len(),
             all: (windows.clone(), group.clone()),
             group,
@@ -190,7 +193,8 @@ impl Tier {
         if let Some([roll, pitch]) = out.slope {
             (theta[B::Roll as usize], theta[B::Pitch as usize]) = (roll, pitch);
         }
-        if !out.inertial(data) {
+        out.sensed = out.inertial(data);
+        if !out.sensed {
             out.floor = FLOOR_BLIND;
         }
         out.settle(data, theta);
@@ -280,6 +284,19 @@ impl Tier {
         self.floor = *next;
         self.weigh();
         true
+    }
+
+    /// What `of` makes of the tier at the tolerances of the inertial sensor, whatever they have been widened to; `None` without one.
+    pub(super) fn sharp<T>(&mut self, of: impl FnOnce(&Self) -> T) -> Option<T> {
+        if !self.sensed {
+            return None;
+        }
+        let told = std::mem::replace(&mut self.floor, FLOOR);
+        self.weigh();
+        let out = of(self);
+        self.floor = told;
+        self.weigh();
+        Some(out)
     }
 
     /// What a window is compared with, its covariance without the floor, and the ways; `None` where it tips.

@@ -3,6 +3,7 @@
 use super::answer::REMAINDER;
 use super::body::{B, SOFTER, Tier};
 use super::body_library::{candidates, coordinates, widen};
+use super::body_rest::Rest;
 use super::conventions::permutations;
 use super::data::{Data, JOINTS};
 use super::inertial;
@@ -32,13 +33,9 @@ pub(super) struct Found {
     pub(super) answer: Answer,
     /// What is another one late in a run than early.
     pub(super) changes: Option<Change>,
-    /// Tolerances by which half the windows end off at least, over the most that contacts of another engine make of it; 0 where it is less.
-    pub(super) off: f64,
+    /// What nothing that was found explains.
+    pub(super) rest: Rest,
 }
-
-/// Tolerances by which half the windows end off at most on contacts that differ: 0.7 to 1.1 on robots without a cause that another engine
-/// played, 0.3 to 0.6 on emulated ones; 1.5 beside a centre of mass that must not be named.
-const OFF: f64 = 1.25;
 
 /// Cost below which no other order of joints and no other sign is tried: turned end cubes alone show 3.5; robots without a cause show up to
 /// 1.7 (emulated robots), so that few of them try in vain.
@@ -232,21 +229,9 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
     let changes = tier.changes(&answer.last().theta, &moved);
     Found {
         changes,
-        off: off(data, &tier, &answer),
+        rest: Rest::NONE,
         answer,
         tier,
-    }
-}
-
-/// Tolerances by which half the windows end off at least, over [`OFF`]; 0 where it is less. Starts that were read off a film are too rough to
-/// say so.
-fn off(data: &Data, tier: &Tier, answer: &Answer) -> f64 {
-    let ends_m = math::median(&tier.ends_m(&answer.last().theta));
-    let off = ends_m / tier.tolerance_m().max(1e-9) / OFF;
-    if off > 1.0 && !data.filmed() {
-        off
-    } else {
-        0.0
     }
 }
 
@@ -272,6 +257,26 @@ enum Glance {
     Nothing(Fit, f64),
 }
 
+/// Thresholds of the body.
+pub(super) fn limits(tier: &Tier) -> Limits {
+    let [share, relative] = if tier.exact() { GAINS } else { GAINS_BLIND };
+    Limits {
+        share,
+        least: 0.1,
+        relative,
+        of_first: 0.03,
+        floor: 1.0,
+        // A window is one independent trial of the body.
+        independent: (tier.len() as f64).clamp(10.0, 1000.0),
+        most: 4,
+        beyond: 3.0,
+        refined: 4,
+        iterations: 3,
+        remainder: REMAINDER,
+        rough: true,
+    }
+}
+
 /// What is searched.
 struct Searched<'a> {
     tier: &'a Tier,
@@ -294,26 +299,11 @@ impl<'a> Searched<'a> {
 
     /// What a search uses.
     fn search(&self) -> Search<'_, Tier> {
-        let tier = self.tier;
-        let [share, relative] = if tier.exact() { GAINS } else { GAINS_BLIND };
         Search {
-            model: tier,
+            model: self.tier,
             coordinates: self.coordinates,
             candidates: self.candidates,
-            limits: Limits {
-                share,
-                least: 0.1,
-                relative,
-                of_first: 0.03,
-                floor: 1.0,
-                // A window is one independent trial of the body.
-                independent: (tier.len() as f64).clamp(10.0, 1000.0),
-                most: 4,
-                beyond: 3.0,
-                refined: 4,
-                iterations: 3,
-                rough: true,
-            },
+            limits: limits(self.tier),
         }
     }
 

@@ -16,6 +16,9 @@ use super::windows;
 use crate::math;
 use crate::vocabulary::Effect;
 
+/// Cost above which something of the camera is left that no effect explains: emulated robots without one leave 0.02 at most.
+const LEFT: f64 = 1.0;
+
 /// Silhouettes of one run.
 #[derive(Debug, Clone)]
 pub struct Film {
@@ -439,6 +442,7 @@ pub(super) fn diagnose(
         beyond: 3.0,
         refined: 4,
         iterations: 4,
+        remainder: LEFT,
         rough: false,
     };
     let search = Search {

@@ -3,13 +3,14 @@
 use files::model::{Key, Model};
 use rayon::prelude::*;
 
+use super::answer::REMAINDER;
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::joint_library::{TIMING_S, candidates, coordinates};
 use super::last_word::{doubted, limited};
 use super::loads::{JOINTLY, Moments};
 use super::open::Law;
-use super::search::{Answer, Coordinate, Evaluate, Fit, Limits, Search};
+use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Search};
 use super::servo::{self, J, JointRun, Load, Nominal, Trace};
 use super::{open, regime};
 use crate::math;
@@ -404,6 +405,8 @@ pub(super) struct Found {
     pub(super) rest: Stage,
     /// Stage in which what the calibrated nominal model leaves arose.
     pub(super) gap: Stage,
+    /// Set-points come late, and no effect may say so.
+    pub(super) late: bool,
     /// The effects found bend to a law that they are not.
     pub(super) astray: bool,
     /// Regime that holds most of the gap.
@@ -429,6 +432,7 @@ fn limits(tier: &Tier) -> Limits {
         beyond: 3.0,
         refined: 8,
         iterations: 8,
+        remainder: REMAINDER,
         rough: false,
     }
 }
@@ -551,6 +555,7 @@ pub(super) fn diagnose(
         astray: false,
         regime: regime::regime(&tier, &answer.nominal, last, named),
         odd: false,
+        late: nameless_delay(&answer, conventions.echo[tier.joint].late_s),
         answer,
         tier,
     }
@@ -576,8 +581,20 @@ fn late(search: &Search<'_, Tier>, base: &Fit, late_s: Option<[f64; 2]>) -> Opti
     if clock.is_some_and(plainly) {
         return None;
     }
+    agreed([low, high], &fit).then_some(fit)
+}
+
+/// Whether the angle shows a delay between those that the echo shows: an echo that is itself a row old shows one that the angle does not.
+fn agreed([low, high]: [f64; 2], fit: &Fit) -> bool {
     let delay = fit.theta[J::Delay as usize];
-    // An echo that is itself a row old shows a delay that the angle does not.
     let margin = 2.0 * TIMING_S;
-    (delay > 1.5 * TIMING_S && (low - margin..high + margin).contains(&delay)).then_some(fit)
+    delay > 1.5 * TIMING_S && (low - margin..high + margin).contains(&delay)
+}
+
+/// Whether echo and angle show a delay where a latency may not be named.
+fn nameless_delay(answer: &Answer, late_s: Option<[f64; 2]>) -> bool {
+    let named = |c: &Candidate| c.effect == Effect::Latency;
+    let shown = late_s.filter(|l| l[1] > 0.0);
+    shown.is_some_and(|late_s| agreed(late_s, answer.last()))
+        && !answer.candidates.iter().any(named)
 }

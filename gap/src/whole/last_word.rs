@@ -90,7 +90,7 @@ impl Found {
 }
 
 /// Takes the clock away from joints that alone say that it is skewed: all joints share it.
-pub(super) fn one_clock(joints: &mut [Found]) {
+pub(super) fn drop_lone_clocks(joints: &mut [Found]) {
     let clock = |f: &Found| {
         let of = |m: &usize| f.answer.candidates[*m].effect == Effect::ClockSkew;
         f.answer.last().members.iter().position(of)
@@ -125,6 +125,9 @@ pub(super) fn mark(found: &mut [Found], replayed: bool) {
         }
         if f.bent() {
             (f.astray, f.rest) = (true, f.gap);
+        }
+        if f.late {
+            (f.odd, f.astray, f.rest) = (true, true, Stage::Transport);
         }
         if f.rival > open::RIVAL {
             // The gap is where it was without them.

@@ -1,5 +1,6 @@
 //! The search on a linear model, whose answers are known.
 
+use super::answer::REMAINDER;
 use super::search::Search;
 use super::terms::{Answer, Candidate, Coordinate, Evaluate, Limits};
 use crate::math::Rng;
@@ -81,6 +82,7 @@ fn answer(line: &Line, candidates: &[Candidate]) -> Answer {
             beyond: 3.0,
             refined: 4,
             iterations: 4,
+            remainder: REMAINDER,
             rough: false,
         },
     };

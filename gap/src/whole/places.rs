@@ -6,7 +6,6 @@
 
 use std::collections::BTreeMap;
 
-use super::answer::REMAINDER;
 use super::found::{Item, Place};
 use super::steady::Change;
 use super::{Parts, Settings, found};
@@ -16,6 +15,8 @@ use crate::vocabulary::Stage;
 
 /// Cost that signals changed on the way in a manner nobody knows stand for: above all that a fit leaves.
 const ODD: f64 = 1e4;
+/// The same for a law of joint or body that the library does not hold, which no signal shows by itself.
+const LAWLESS: f64 = 1e3;
 
 /// Stage and joint; the stage `None` is what nothing explains.
 type Key = (Option<Stage>, Option<usize>);
@@ -27,6 +28,8 @@ struct Fall {
     left: Vec<f64>,
     /// Stage and joint in which what is left arose.
     rest: (Stage, Option<usize>),
+    /// More is left than the library can be trusted to leave.
+    rests: bool,
     /// A law that the library does not hold is in what is left.
     odd: bool,
 }
@@ -38,13 +41,12 @@ fn falls(d: &Parts) -> Vec<Fall> {
         (own, &f.answer, (f.rest, own.1), [f.odd, f.astray])
     });
     let body = d.body.iter().map(|b| {
-        let own = (Stage::Body, None);
         let rest = match b.changes {
             Some(Change::Zero(k)) => (Stage::Conventions, Some(k)),
-            _ => own,
+            _ => b.rest.place,
         };
-        let odd = b.changes.is_some() || b.off > 0.0;
-        (own, &b.answer, rest, [odd, false])
+        let odd = b.changes.is_some() || b.rest.evidence > 0.0;
+        ((Stage::Body, None), &b.answer, rest, [odd, false])
     });
     let camera = d.camera.iter().map(|c| {
         let own = (Stage::Camera, None);
@@ -84,6 +86,7 @@ fn falls(d: &Parts) -> Vec<Fall> {
             parts,
             left: last.groups.iter().map(|c| (c - 1.0).max(0.0)).collect(),
             rest,
+            rests: last.cost > a.limits.remainder,
             odd,
         });
     }
@@ -103,14 +106,14 @@ fn costs(d: &Parts, items: &[Item]) -> BTreeMap<Key, Vec<f64>> {
         for (stage, joint, v) in &f.parts {
             add((Some(*stage), *joint), v);
         }
-        let key = if math::mean(&f.left) > REMAINDER || f.odd {
+        let key = if f.rests || f.odd {
             (Some(f.rest.0), f.rest.1)
         } else {
             (None, None)
         };
         add(key, &f.left);
         if f.odd {
-            add(key, &vec![ODD; groups]);
+            add(key, &vec![LAWLESS; groups]);
         }
     }
     let odd: Vec<usize> = (0..6).filter(|k| d.conventions.echo[*k].odd).collect();

@@ -19,6 +19,7 @@ const NO_WORSE: f64 = 1.3;
 const CLEAR: f64 = 2.0;
 /// Standard deviations within which a number may be none.
 const NONE: f64 = 1.96;
+
 /// What is known before a search.
 pub(super) enum Given {
     Nothing,

@@ -169,7 +169,7 @@ impl Task<'_> {
             .into_par_iter()
             .map(|tier| joints::diagnose(tier, self.model, &seen.conventions, withhold))
             .collect();
-        last_word::one_clock(&mut found);
+        last_word::drop_lone_clocks(&mut found);
         last_word::mark(&mut found, seen.body.is_some());
         found
     }
@@ -223,6 +223,9 @@ impl Task<'_> {
                 }
                 (None, _) => {}
             }
+        }
+        if let Some(b) = &mut body {
+            b.weigh_rest(rough);
         }
         seen.body = body;
         let found = seen.body.as_ref();

@@ -62,6 +62,8 @@ pub(super) struct Limits {
     pub(super) refined: usize,
     /// Iterations of a fit.
     pub(super) iterations: usize,
+    /// Cost above which something is left that the library does not explain.
+    pub(super) remainder: f64,
     /// Whether the cost is so rough that its slope may lead nowhere: then every coordinate is tried by itself too.
     pub(super) rough: bool,
 }

@@ -16,6 +16,7 @@ mod gap_files;
 mod gap_film;
 mod gap_next;
 mod gap_runs;
+mod gap_withheld;
 mod hybrid;
 mod matching;
 mod model;
