@@ -68,22 +68,15 @@ pub(crate) const JOINT: JointKind = JointKind::Intra;
 pub fn case(seed: u64, index: usize) -> Case {
     let plan = plan(seed, index);
     let mut files = vec![("dataset.toml".to_string(), manifest(&plan))];
-    let mut clean: Vec<Vec<record::Row>> = Vec::new();
-    for gait in 0..GAITS {
-        clean.push(record::record(&plan, &plan.planted, gait, None));
-        for repeat in 0..REPEATS {
-            let rows = record::record(&plan, &plan.planted, gait, Some(repeat));
-            files.push((format!("g{gait}_{repeat}.csv"), csv(&plan, &rows)));
+    let recorded: Vec<[Vec<record::Row>; REPEATS]> = (0..GAITS)
+        .map(|gait| [0, 1].map(|repeat| record::record(&plan, &plan.planted, gait, Some(repeat))))
+        .collect();
+    for (gait, repeats) in recorded.iter().enumerate() {
+        for (repeat, rows) in repeats.iter().enumerate() {
+            files.push((format!("g{gait}_{repeat}.csv"), csv(&plan, rows)));
         }
     }
-    let repeats = floor(&plan);
-    let (floors, floors_any) = (0..plan.planted.len())
-        .map(|k| {
-            let mut others = plan.planted.clone();
-            others.remove(k);
-            size(&plan, &others, &clean, &repeats)
-        })
-        .unzip();
+    let (floors, floors_any) = sizes(&plan, &recorded);
     let label = Label {
         name: plan.name.clone(),
         kind: plan.kind,
@@ -114,14 +107,30 @@ fn against_stated(plan: &Plan, planted: &Planted) -> Planted {
     }
 }
 
+/// What is lost without each of the causes, see [`size`].
+fn sizes(plan: &Plan, recorded: &[[Vec<record::Row>; REPEATS]]) -> (Vec<f64>, Vec<f64>) {
+    if plan.planted.is_empty() {
+        return (Vec::new(), Vec::new());
+    }
+    let clean: Vec<Vec<record::Row>> = (0..GAITS)
+        .map(|gait| record::record(plan, &plan.planted, gait, None))
+        .collect();
+    let repeats = floor(recorded);
+    (0..plan.planted.len())
+        .map(|k| {
+            let mut others = plan.planted.clone();
+            others.remove(k);
+            size(plan, &others, &clean, &repeats)
+        })
+        .unzip()
+}
+
 /// Spread of each channel between the two recordings of every gait.
-fn floor(plan: &Plan) -> [f64; record::CHANNELS] {
+fn floor(recorded: &[[Vec<record::Row>; REPEATS]]) -> [f64; record::CHANNELS] {
     let mut sum = [0.0; record::CHANNELS];
     let mut n = 0.0;
-    for gait in 0..GAITS {
-        let a = record::record(plan, &plan.planted, gait, Some(0));
-        let b = record::record(plan, &plan.planted, gait, Some(1));
-        for (x, y) in a.iter().zip(&b) {
+    for [a, b] in recorded {
+        for (x, y) in a.iter().zip(b) {
             n += 1.0;
             for (s, (x, y)) in sum.iter_mut().zip(x.channels.iter().zip(&y.channels)) {
                 *s += 0.5 * (x - y) * (x - y);
