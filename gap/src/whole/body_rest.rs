@@ -1,6 +1,6 @@
 //! What the body leaves when all that was found is in it: how much of it speaks, and where it arose.
 
-use super::body::{OFFSET, RATIO, Tier, of_joint};
+use super::body::{FLEX, OFFSET, PLAY, RATIO, Tier, of_joint};
 use super::body_answer::{Found, limits};
 use super::body_library::coordinates;
 use super::data::JOINTS;
@@ -31,12 +31,14 @@ const OFF: f64 = 1.25;
 /// Cost at the tolerances of the inertial sensor above which the simulator misses something of this body: 1.3 to 1.8 on emulated robots without
 /// a cause. Robots that another engine played leave 7: its contacts are not the simulator's.
 const LEFT: f64 = 2.1;
+/// What robots without a cause leave of these, in the middle.
+const USUAL: f64 = 1.5;
 /// Share of what the calibrated body leaves from which what was found takes away so much that the rest is how its law differs: of a connector's
 /// play of 0.1 rad two honest simulators keep half.
 const KNOWN: f64 = 1.0 / 3.0;
-/// Share of what is left that a straight line between reading and link of one joint must take away to be where it arose.
-const STRAIGHT: f64 = 0.5;
-/// Offsets and ratios of a link from which such a line is fitted.
+/// Share of what is left above that which a free connection between reading and link of one joint must take away to be where it arose.
+const TAKEN: f64 = 0.5;
+/// Offsets and ratios of a link from which a straight line is fitted.
 const LINES: [[f64; 2]; 9] = [
     [0.0, 1.0],
     [0.04, 1.0],
@@ -48,6 +50,8 @@ const LINES: [[f64; 2]; 9] = [
     [0.0, 0.93],
     [0.0, 1.07],
 ];
+/// Half plays, rad, and twists per torque, rad/(N m), from which a gear's connection is fitted.
+const GEARS: [[f64; 2]; 4] = [[0.02, 0.0], [0.06, 0.0], [0.0, 0.02], [0.0, 0.1]];
 
 impl Found {
     /// Weighs what the body leaves. Starts that were read off a film are too rough to say so.
@@ -64,15 +68,14 @@ impl Found {
             if before - cost > KNOWN * (before - 1.0) {
                 return (0.0, None);
             }
-            let place = (cost > LEFT).then(|| straight(tier, &last, cost));
+            let place = (cost > LEFT).then(|| between(tier, &last, cost));
             (cost / LEFT, place.flatten())
         });
         let (cost, place) = left.unwrap_or((0.0, None));
         let evidence = ends.max(cost);
-        let line = place.map(|k| (Stage::Conventions, Some(k)));
         self.rest = Rest {
             evidence: if evidence > 1.0 { evidence } else { 0.0 },
-            place: line.or_else(|| self.beside()).unwrap_or(Rest::NONE.place),
+            place: place.or_else(|| self.beside()).unwrap_or(Rest::NONE.place),
         };
     }
 
@@ -83,28 +86,35 @@ impl Found {
     }
 }
 
-/// The joint of which a straight line between reading and link takes most of what `last` leaves away, which costs `left`.
-fn straight(tier: &Tier, last: &Fit, left: f64) -> Option<usize> {
+/// Stage and joint of the connection between reading and link that, once it is free, takes most of what `last` leaves away, which costs `left`: a straight
+/// line is the conventions', play and twist under load are the transmission's.
+fn between(tier: &Tier, last: &Fit, left: f64) -> Option<(Stage, Option<usize>)> {
     let coordinates: Vec<Coordinate> = coordinates(&tier.model);
-    let line = |k: usize| Candidate {
-        effect: Effect::JointOffset,
+    let free = |effect, k: usize, what: [usize; 2], starts: &[[f64; 2]]| Candidate {
+        effect,
         joint: Some(k),
-        free: vec![of_joint(k, OFFSET), of_joint(k, RATIO)],
-        starts: LINES.iter().map(|l| l.to_vec()).collect(),
+        free: what.map(|w| of_joint(k, w)).to_vec(),
+        starts: starts.iter().map(|s| s.to_vec()).collect(),
     };
-    let lines: Vec<Candidate> = (0..JOINTS).map(line).collect();
+    let line = |k| free(Effect::JointOffset, k, [OFFSET, RATIO], &LINES);
+    let gear = |k| free(Effect::Backlash, k, [PLAY, FLEX], &GEARS);
+    let all: Vec<Candidate> = (0..JOINTS)
+        .map(line)
+        .chain((0..JOINTS).filter(|_| !tier.link_measured).map(gear))
+        .collect();
     let search = Search {
         model: tier,
         coordinates: &coordinates,
-        candidates: &lines,
+        candidates: &all,
         limits: limits(tier),
     };
     let base = Fit {
         members: Vec::new(),
         ..last.clone()
     };
-    let (screened, _) = search.screen(&base, &(0..JOINTS).collect::<Vec<_>>());
-    let (k, theta, _) = screened.into_iter().next()?;
-    let cost = search.fit(&theta, &[k], 3).cost;
-    (left - cost > STRAIGHT * (left - 1.0)).then_some(k)
+    let (screened, _) = search.screen(&base, &(0..all.len()).collect::<Vec<_>>());
+    let (c, theta, _) = screened.into_iter().next()?;
+    let cost = search.fit(&theta, &[c], 3).cost;
+    let found = &all[c];
+    (left - cost > TAKEN * (left - USUAL)).then_some((found.effect.stage(), found.joint))
 }
