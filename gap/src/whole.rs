@@ -15,6 +15,7 @@ mod clock;
 mod conventions;
 pub mod data;
 mod direct;
+mod drive;
 mod echo;
 pub mod experiment;
 mod film;

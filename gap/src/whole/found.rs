@@ -116,6 +116,10 @@ fn joint_parameters<'a>(
                 t[J::MaxTorque as usize] * n.max_torque_nm / (n.nm_per_a * t[J::PerAmpere as usize])
             }),
         )],
+        Effect::ThermalDerating => vec![
+            ("time_constant_s", get(J::DerateTime)),
+            ("fraction", get(J::DerateShare)),
+        ],
         Effect::Backlash => vec![("half_width_rad", get(J::Play))],
         Effect::Compliance => vec![(
             "stiffness_nm_rad",

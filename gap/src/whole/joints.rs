@@ -135,7 +135,8 @@ pub(super) fn prepare(
         effort,
         load.clone(),
     );
-    Some(out.supplied(run.bus_v.as_ref()))
+    let ampere = tracks.effort.is_none();
+    Some(out.supplied(run.bus_v.as_ref()).by_current(ampere))
 }
 
 /// RMS difference of repeated runs over root two, rad; NaN without repeats.
@@ -328,10 +329,10 @@ impl Tier {
         let mut count = 0;
         for run in &self.runs {
             servo::simulate(run, &self.nominal, theta, &mut trace);
-            for ((measured, simulated, load), left) in run.loads(&trace).zip(run.left(&trace, &[]))
-            {
+            let loads = run.loads(&trace, theta).zip(run.left(&trace, &[]));
+            for ((measured, simulated, load), left) in loads {
                 let friction = simulated - theta[J::Load as usize] * load;
-                let torque = measured * theta[J::PerAmpere as usize] - friction;
+                let torque = measured - friction;
                 let row = [torque, load, left.speed_rad_s, left.direction()];
                 for (sums, x) in gram.iter_mut().zip(row) {
                     sums.iter_mut().zip(row).for_each(|(s, y)| *s += x * y);
@@ -371,17 +372,13 @@ impl Evaluate for Tier {
     fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>> {
         let mut out = vec![Vec::new(); self.groups];
         let mut trace = Trace::default();
-        let per_ampere = theta[J::PerAmpere as usize];
         for (run, g) in self.runs.iter().zip(&self.group) {
             servo::simulate(run, &self.nominal, theta, &mut trace);
             let group = &mut out[*g];
             group.extend(servo::errors(&trace.position, &run.position).map(|e| e * self.weight[0]));
             if self.weight[1] > 0.0 {
-                let w = self.weight[1];
-                let errors =
-                    servo::errors(&trace.effort, &run.effort).zip(servo::values(&run.effort));
-                // In units of the measured current times the nominal torque per ampere.
-                group.extend(errors.map(|(e, m)| w * ((e + m) / per_ampere - m)));
+                let errors = run.effort_errors(&trace, theta);
+                group.extend(errors.map(|e| e * self.weight[1]));
             }
             if self.weight[2] > 0.0 {
                 group.extend(servo::errors(&trace.twist, &run.twist).map(|e| e * self.weight[2]));

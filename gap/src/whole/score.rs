@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::data::{Data, JOINTS};
 use super::echo::Echo;
-use super::servo::{self, J, JointRun, Load, Nominal, Trace};
+use super::servo::{self, JointRun, Load, Nominal, Trace};
 use super::{body, camera, joints};
 use crate::math;
 
@@ -149,19 +149,12 @@ impl Score {
                 };
                 let run = if state.conventions { with } else { without };
                 servo::simulate(run, &scored.servo(state), theta, &mut trace);
-                let per_ampere = theta[J::PerAmpere as usize];
                 for (name, v) in [
                     (
                         "position_rmse_rad",
                         servo::errors(&trace.position, &run.position).collect::<Vec<_>>(),
                     ),
-                    (
-                        "effort_rmse_nm",
-                        servo::errors(&trace.effort, &run.effort)
-                            .zip(servo::values(&run.effort))
-                            .map(|(e, m)| (e + m) / per_ampere - m)
-                            .collect(),
-                    ),
+                    ("effort_rmse_nm", run.effort_errors(&trace, theta).collect()),
                     ("link_rmse_rad", run.link_errors(&trace)),
                 ] {
                     if !v.is_empty() {

@@ -5,6 +5,7 @@
 //! so joints do not couple. A motor at its limit feels [`SURROUNDINGS_NM_RAD`].
 
 use super::data::Track;
+use super::drive::{Friction, Limits, drive, warm};
 
 macro_rules! coordinates {
     ($($id:ident, $doc:literal;)*) => {
@@ -50,17 +51,12 @@ coordinates! {
     Play, "half play between encoder and link, rad";
     Flex, "twist between encoder and link, rad per N m";
     PerAmpere, "ratio to the nominal torque per current";
+    DerateShare, "share of the torque per current, and of the limit, that a warm motor has lost";
+    DerateTime, "time constant of the warming, s";
 }
 
 /// Time step, s. Ten per set-point; the laws are integrated implicitly.
 pub(super) const STEP_S: f64 = 0.005;
-/// Inertia that regularises the torque limit, kg m2: that of one half-sphere about its cube's centre is 6.6e-4, of half the
-/// robot about a joint 0.02; the replayed load already holds the true one.
-pub(super) const INERTIA_KG_M2: f64 = 0.01;
-/// Change of load per angle off the measured path once the motor is at its limit, N m/rad. Gravity alone gives 2 (half the
-/// robot on a lever of 0.15 m); a replayed load is wrong by some tenths of a newton metre, and a motor at its limit would
-/// run away on them.
-const SURROUNDINGS_NM_RAD: f64 = 30.0;
 /// Load at which the play is half taken up, N m.
 const PLAY_LOAD_NM: f64 = 0.02;
 
@@ -156,6 +152,8 @@ pub(super) struct JointRun {
     bus_v: Vec<f64>,
     /// Sizes of the measured torque, as it was sampled, N m.
     strength: Vec<f64>,
+    /// The measured torque is a current times the nominal torque per current.
+    ampere: bool,
     pub(super) position: Vec<Sample>,
     pub(super) effort: Vec<Sample>,
     /// Link less encoder.
@@ -207,6 +205,11 @@ impl JointRun {
         self
     }
 
+    /// The same with a torque that is a current times the nominal torque per current, or not.
+    pub(super) fn by_current(self, ampere: bool) -> Self {
+        Self { ampere, ..self }
+    }
+
     /// Prepares a run.
     pub(super) fn new(
         command: &Track,
@@ -244,6 +247,7 @@ impl JointRun {
         Self {
             bus_v: Vec::new(),
             strength,
+            ampere: false,
             twisting,
             events,
             steps,
@@ -271,14 +275,38 @@ impl JointRun {
         crate::math::quantile(&ways, 0.95) / (APART as f64 * STEP_S)
     }
 
+    /// Simulated less measured torque at every torque sample, N m; in units of the measured current times the nominal torque per current where
+    /// that is what was measured.
+    pub(super) fn effort_errors<'a>(
+        &'a self,
+        trace: &'a Trace,
+        p: &'a [f64],
+    ) -> impl Iterator<Item = f64> + 'a {
+        self.effort
+            .iter()
+            .map(|s| at(&trace.effort, s) / self.per_ampere(p, s) - s.value)
+    }
+
+    /// Torque over measured torque at a sample.
+    fn per_ampere(&self, p: &[f64], s: &Sample) -> f64 {
+        let warm = if self.ampere {
+            warm(p, s.at.0 as f64 * STEP_S)
+        } else {
+            1.0
+        };
+        p[J::PerAmpere as usize] * warm
+    }
+
     /// Measured torque, simulated torque and replayed load at every torque sample, N m.
     pub(super) fn loads<'a>(
         &'a self,
         trace: &'a Trace,
+        p: &'a [f64],
     ) -> impl Iterator<Item = (f64, f64, f64)> + 'a {
-        self.effort
-            .iter()
-            .map(|s| (s.value, at(&trace.effort, s), at(&self.load.nm, s)))
+        self.effort.iter().map(|s| {
+            let measured = s.value * self.per_ampere(p, s);
+            (measured, at(&trace.effort, s), at(&self.load.nm, s))
+        })
     }
 
     /// What is left at every torque sample, with what may explain it; `widths_rad` are those of the stop operators.
@@ -385,47 +413,6 @@ fn integral(events: &[[f64; 3]], t_s: f64, at: &mut usize) -> f64 {
     e[2] + e[1] * (t_s - e[0])
 }
 
-/// Friction other than viscous at speed `v`, N m, for forward (+1) or backward motion.
-struct Friction {
-    base: f64,
-    half_asymmetry: f64,
-    damping: f64,
-    half_asymmetry_damping: f64,
-}
-
-impl Friction {
-    fn at(p: &[f64], v: f64, load: f64) -> Self {
-        let x = v / p[J::StribeckSpeed as usize].max(1e-4);
-        Self {
-            base: p[J::Coulomb as usize]
-                + p[J::Static as usize] / (1.0 + x * x)
-                + p[J::LoadShare as usize] * load.abs(),
-            half_asymmetry: 0.5 * p[J::Asymmetry as usize],
-            damping: p[J::Viscous as usize] + p[J::Quadratic as usize] * v.abs(),
-            half_asymmetry_damping: 0.5 * p[J::AsymmetryViscous as usize],
-        }
-    }
-
-    fn dry(&self, sign: f64) -> f64 {
-        (self.base + sign * self.half_asymmetry).max(0.0)
-    }
-
-    fn wet(&self, sign: f64) -> f64 {
-        self.damping + sign * self.half_asymmetry_damping
-    }
-
-    /// Speed from `m v + wet v + dry sign(v) = push`, 0 while the push is below the dry friction; and the friction then.
-    fn solve(&self, m: f64, push: f64) -> (f64, f64) {
-        let sign = if push >= 0.0 { 1.0 } else { -1.0 };
-        let rest = push.abs() - self.dry(sign);
-        if rest <= 0.0 {
-            return (0.0, push);
-        }
-        let v = sign * rest / (m + self.wet(sign)).max(1e-9);
-        (v, sign * self.dry(sign) + self.wet(sign) * v)
-    }
-}
-
 /// Simulates a run.
 pub(super) fn simulate(run: &JointRun, nominal: &Nominal, p: &[f64], out: &mut Trace) {
     let get = |j: J| p[j as usize];
@@ -482,6 +469,7 @@ pub(super) fn simulate(run: &JointRun, nominal: &Nominal, p: &[f64], out: &mut T
         // Half a step of the loop's own answer makes the explicit law second order.
         let v_star = (gain * e / (1.0 + 0.5 * gain * h)).clamp(-vmax, vmax);
         wanted += blend * (v_star - wanted);
+        limits.torque_nm = tmax * warm(p, t);
         if let Some(volt) = run.bus_v.get(i).filter(|_| limits.brake > 0.0) {
             limits.free_rad_s = volt / volt_s;
         }
@@ -542,40 +530,6 @@ fn old(position: &[f64], now: f64, back: f64) -> f64 {
     let a = position.get(i).copied().unwrap_or(now);
     let b = position.get(i + 1).copied().unwrap_or(now);
     a + (b - a) * (place - i as f64)
-}
-
-/// What bounds a motor.
-struct Limits {
-    /// Speed lost per torque, rad/s per N m.
-    droop: f64,
-    /// Largest torque, N m.
-    torque_nm: f64,
-    /// Speed at which the supply gives no torque, rad/s; infinite where not measured.
-    free_rad_s: f64,
-    /// Speed lost per torque once the supply gives no more, rad/s per N m.
-    brake: f64,
-}
-
-/// One step of the motor against friction and load: new speed, and torque less what accelerates the regularising inertia.
-fn drive(v: f64, wanted: f64, load: f64, off: f64, l: &Limits, f: &Friction) -> (f64, f64) {
-    let m = INERTIA_KG_M2 / STEP_S;
-    let stiff = 1.0 / l.droop;
-    let (mut v1, mut friction) = f.solve(m + stiff, m * v + stiff * wanted - load);
-    let mut torque = stiff * (wanted - v1);
-    // The full supply: speed falls along the motor's own line, driving and driven.
-    let full = l.free_rad_s * wanted.signum();
-    if full.is_finite() && wanted.abs() > full.abs() - l.brake * torque * wanted.signum() {
-        let line = 1.0 / l.brake.max(l.droop);
-        (v1, friction) = f.solve(m + line, m * v + line * full - load);
-        torque = line * (full - v1);
-    }
-    if torque.abs() <= l.torque_nm {
-        return (v1, friction + load);
-    }
-    let limit = l.torque_nm * torque.signum();
-    let k = SURROUNDINGS_NM_RAD;
-    let (v1, _) = f.solve(m + k * STEP_S, m * v + limit - load - k * off);
-    (v1, limit)
 }
 
 /// Value of a series at a sample.

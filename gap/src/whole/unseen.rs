@@ -1,8 +1,9 @@
 //! What these signals could not show, and up to which size.
 
+use super::drive::INERTIA_KG_M2;
 use super::found::items;
 use super::joints::Found;
-use super::servo::{INERTIA_KG_M2, J, JointRun};
+use super::servo::{J, JointRun};
 use super::{Parts, Settings};
 use crate::math;
 use crate::verdict::Unseen;
@@ -93,7 +94,8 @@ fn measured(d: &Parts, e: Effect) -> Option<String> {
             "up to {:.0} ms it acts like a loop gain within its tolerance",
             1e3 * hidden_delay_s(d)
         )),
-        Effect::ThermalDerating => {
+        // A current shows it whatever the load.
+        Effect::ThermalDerating if d.joints.iter().all(|f| !f.tier.ampere) => {
             let share = nearest_limit(d)?;
             (share < 1.0 - DERATED).then(|| {
                 format!(
@@ -157,7 +159,7 @@ pub(super) fn unseen(d: &Parts, settings: &Settings) -> Vec<Unseen> {
                 "a servo that is strong enough hides it; record effort_nm or current_a"
             }
             _ if known || read_off(d, *e) => continue,
-            Effect::Inertia | Effect::ThermalDerating => {
+            Effect::Inertia => {
                 "no law of it is fitted on the whole robot; a bench run of that joint shows it"
             }
             Effect::Mass => {
