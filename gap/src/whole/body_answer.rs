@@ -108,10 +108,12 @@ fn on_soft_ground(
     if found == told || last > STEP * first {
         return;
     }
-    (tier.maps, tier.order) = found;
     tier.measure(data, &ground);
-    let left = fit(tier, &ground).map_or(f64::INFINITY, |f| f.cost);
-    if left > BETTER * first {
+    let cost = |tier: &Tier| fit(tier, &ground).map_or(f64::INFINITY, |f| f.cost);
+    let as_told = cost(tier);
+    (tier.maps, tier.order) = found;
+    // A ground that fits the joints as they are told needs no joint turned round.
+    if cost(tier) > BETTER * as_told.min(first) {
         (tier.maps, tier.order) = told;
         tier.settle(data, theta.to_vec());
     }

@@ -10,13 +10,14 @@ pub(super) const INERTIA_KG_M2: f64 = 0.01;
 /// run away on them.
 const SURROUNDINGS_NM_RAD: f64 = 30.0;
 
-/// Share of its torque per current that a motor still has `t_s` after it was switched on.
+/// Share of its torque per current that a motor still has at `t_s` of a run.
 pub(super) fn warm(p: &[f64], t_s: f64) -> f64 {
     let lost = p[J::DerateShare as usize];
     if lost == 0.0 {
         return 1.0;
     }
-    let cold = libm::exp(-t_s / p[J::DerateTime as usize].max(1e-3));
+    let on_s = t_s + p[J::DerateSince as usize];
+    let cold = libm::exp(-on_s / p[J::DerateTime as usize].max(1e-3));
     1.0 - lost * (1.0 - cold)
 }
 

@@ -108,6 +108,7 @@ pub(super) fn coordinates(model: &Model, k: usize, applied: bool, ampere: bool) 
         coordinate(1.0, if ampere { 0.03 } else { 0.0 }, 0.02, ratio),
     );
     set(J::DerateShare, coordinate(0.0, 0.0, 0.02, [0.0, 0.95]));
+    set(J::DerateSince, coordinate(0.0, 0.0, 0.3, [0.0, 100.0]));
     // Below a second it is there from the start, beyond the longest of runs it is a straight line.
     set(J::DerateTime, coordinate(5.0, 0.0, 0.5, [1.0, 100.0]));
     out
@@ -175,8 +176,12 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
         many(
             Effect::ThermalDerating,
             k,
-            &[J::DerateShare, J::DerateTime],
-            &[vec![0.15, 4.0], vec![0.4, 4.0], vec![0.4, 15.0]],
+            &[J::DerateShare, J::DerateTime, J::DerateSince],
+            &[
+                vec![0.15, 4.0, 1.0],
+                vec![0.4, 4.0, 1.0],
+                vec![0.4, 15.0, 1.0],
+            ],
         ),
         one(Effect::CoulombFriction, k, J::Coulomb, &[0.1, 0.4, 1.0]),
         one(Effect::ViscousFriction, k, J::Viscous, &[0.2, 0.6, 1.5]),

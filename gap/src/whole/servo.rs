@@ -53,6 +53,7 @@ coordinates! {
     PerAmpere, "ratio to the nominal torque per current";
     DerateShare, "share of the torque per current, and of the limit, that a warm motor has lost";
     DerateTime, "time constant of the warming, s";
+    DerateSince, "how long the motor was on before the run, s";
 }
 
 /// Time step, s. Ten per set-point; the laws are integrated implicitly.
