@@ -129,7 +129,7 @@ pub(super) fn mark(found: &mut [Found], replayed: bool) {
         if f.late {
             (f.odd, f.astray, f.rest) = (true, true, Stage::Transport);
         }
-        if f.rival > open::RIVAL {
+        if f.rival > open::RIVAL && f.law.size_nm > least_nm {
             // The gap is where it was without them.
             (f.odd, f.astray, f.rest) = (true, true, f.gap);
         }

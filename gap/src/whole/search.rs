@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::least::{Block, blocks, cost, group_costs, solve, total};
 use super::optimum::Optimum;
+use super::terms::where_it_acts;
 pub(super) use super::terms::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Rival};
 use crate::vocabulary::Stage;
 
@@ -497,7 +498,8 @@ impl<E: Evaluate> Search<'_, E> {
         // Where the cost is rough, some play or spring mends a window or two everywhere: a small gain must be one on every gait.
         let springy = self.limits.rough && self.candidates[c].effect.stage() == Stage::Transmission;
         let agreed = wins == base.folds.len() || !springy || gain >= CLEAR * least;
-        gain >= least && 2 * wins > base.folds.len() && agreed && significant
+        let most = 2 * wins > base.folds.len() || where_it_acts(base, fit, self.limits.floor);
+        gain >= least && most && agreed && significant
     }
 
     /// The fit without the member that is missed least, if it is missed less than the threshold.

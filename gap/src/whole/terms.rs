@@ -135,3 +135,13 @@ impl Answer {
         &self.steps[self.steps.len() - 1]
     }
 }
+
+/// Whether an effect mends every fold above the floor by half, two of them at least, and takes none above it: a limit that two gaits alone reach is
+/// nothing to the others.
+pub(super) fn where_it_acts(base: &Fit, fit: &Fit, floor: f64) -> bool {
+    const MENDED: f64 = 0.5;
+    let folds = || fit.folds.iter().zip(&base.folds);
+    let above = |x: f64| x > floor;
+    let mended = folds().filter(|(a, b)| above(**b) && **a < MENDED * **b);
+    mended.count() >= 2 && folds().all(|(a, b)| a < b || !above(*a))
+}
