@@ -102,3 +102,22 @@ pub(super) fn drive(
     let (v1, _) = f.solve(m + k * STEP_S, m * v + limit - load - k * off);
     (v1, limit)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_motor_weakens_from_when_it_was_switched_on() {
+        let mut p = vec![0.0; J::COUNT];
+        p[J::DerateTime as usize] = 4.0;
+        assert_eq!(warm(&p, 100.0), 1.0, "nothing to lose");
+        p[J::DerateShare as usize] = 0.5;
+        assert_eq!(warm(&p, 0.0), 1.0, "cold");
+        p[J::DerateSince as usize] = 4.0;
+        // Half of it times what one time constant, then many, leave.
+        let after_one = 0.5 + 0.5 / std::f64::consts::E;
+        assert!((warm(&p, 0.0) - after_one).abs() < 1e-12);
+        assert!((warm(&p, 1e3) - 0.5).abs() < 1e-12);
+    }
+}

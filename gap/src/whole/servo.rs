@@ -277,7 +277,7 @@ impl JointRun {
     }
 
     /// Simulated less measured torque at every torque sample, N m; in units of the measured current times the nominal torque per current where
-    /// that is what was measured.
+    /// that is what was measured: in units of torque a motor that had lost all its strength would fit best.
     pub(super) fn effort_errors<'a>(
         &'a self,
         trace: &'a Trace,

@@ -145,3 +145,64 @@ pub(super) fn where_it_acts(base: &Fit, fit: &Fit, floor: f64) -> bool {
     let mended = folds().filter(|(a, b)| above(**b) && **a < MENDED * **b);
     mended.count() >= 2 && folds().all(|(a, b)| a < b || !above(*a))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fit(folds: &[f64]) -> Fit {
+        Fit {
+            theta: Vec::new(),
+            members: Vec::new(),
+            cost: 0.0,
+            held_out: 0.0,
+            folds: folds.to_vec(),
+            groups: Vec::new(),
+            deviation: Vec::new(),
+            spread: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn an_effect_acts_where_it_mends_two_gaits_and_spoils_none() {
+        let cases: [(&str, [f64; 4], [f64; 4], bool); 5] = [
+            (
+                "two mended, two at the floor",
+                [0.7, 0.5, 49.0, 8.8],
+                [0.9, 0.8, 1.7, 0.8],
+                true,
+            ),
+            (
+                "one mended",
+                [0.7, 0.5, 49.0, 0.8],
+                [0.9, 0.8, 1.7, 0.8],
+                false,
+            ),
+            (
+                "two mended, one lifted above the floor",
+                [0.7, 0.5, 49.0, 8.8],
+                [0.7, 1.8, 1.7, 0.8],
+                false,
+            ),
+            (
+                "two mended by a third",
+                [0.7, 0.5, 49.0, 8.8],
+                [0.7, 0.5, 33.0, 6.0],
+                false,
+            ),
+            (
+                "nothing above the floor",
+                [0.9, 0.8, 0.9, 0.7],
+                [0.3, 0.2, 0.3, 0.2],
+                false,
+            ),
+        ];
+        for (what, before, after, acts) in cases {
+            assert_eq!(
+                where_it_acts(&fit(&before), &fit(&after), 1.0),
+                acts,
+                "{what}"
+            );
+        }
+    }
+}
