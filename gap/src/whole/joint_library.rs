@@ -108,9 +108,9 @@ pub(super) fn coordinates(model: &Model, k: usize, applied: bool, ampere: bool) 
         coordinate(1.0, if ampere { 0.03 } else { 0.0 }, 0.02, ratio),
     );
     set(J::DerateShare, coordinate(0.0, 0.0, 0.02, [0.0, 0.95]));
-    set(J::DerateSince, coordinate(0.0, 0.0, 0.3, [0.0, 100.0]));
-    // Below a second it is there from the start, beyond the longest of runs it is a straight line.
-    set(J::DerateTime, coordinate(5.0, 0.0, 0.5, [1.0, 100.0]));
+    // What is warm before a run has begun is another torque constant, and so is what warms up sooner than a step of a gait takes.
+    set(J::DerateSince, coordinate(0.0, 0.0, 0.3, [0.0, 3.0]));
+    set(J::DerateTime, coordinate(5.0, 0.0, 0.5, [1.5, 100.0]));
     out
 }
 
@@ -173,16 +173,6 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
         one(Effect::MotorLag, k, J::Lag, &[0.02, 0.05, 0.15]),
         one(Effect::TorqueLimit, k, J::MaxTorque, &grid(0.06, 1.12, 24)),
         one(Effect::CurrentLimit, k, J::MaxTorque, &grid(0.06, 1.12, 24)),
-        many(
-            Effect::ThermalDerating,
-            k,
-            &[J::DerateShare, J::DerateTime, J::DerateSince],
-            &[
-                vec![0.15, 4.0, 1.0],
-                vec![0.4, 4.0, 1.0],
-                vec![0.4, 15.0, 1.0],
-            ],
-        ),
         one(Effect::CoulombFriction, k, J::Coulomb, &[0.1, 0.4, 1.0]),
         one(Effect::ViscousFriction, k, J::Viscous, &[0.2, 0.6, 1.5]),
         // The servo's own damping is a torque per speed too; a robot at work does not tell the two apart.
@@ -216,6 +206,20 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
         out.push(one(Effect::Compliance, k, J::Flex, &[0.002, 0.01, 0.04]));
     }
     out
+}
+
+/// What is tried on joint `k` where nothing else is believed: with a time constant of its own it bends to much that is none.
+pub(super) fn last_resort(k: usize) -> Candidate {
+    many(
+        Effect::ThermalDerating,
+        k,
+        &[J::DerateShare, J::DerateTime, J::DerateSince],
+        &[
+            vec![0.15, 4.0, 1.0],
+            vec![0.4, 4.0, 1.0],
+            vec![0.4, 15.0, 1.0],
+        ],
+    )
 }
 
 /// What may happen to set-points on their way, as far as their echo leaves it open.

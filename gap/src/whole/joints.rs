@@ -7,7 +7,7 @@ use super::answer::REMAINDER;
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::joint_library::{TIMING_S, candidates, coordinates};
-use super::last_word::{doubted, limited};
+use super::last_word::{doubted, limited, weakened};
 use super::loads::{JOINTLY, Moments};
 use super::open::Law;
 use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Search};
@@ -533,7 +533,10 @@ pub(super) fn diagnose(
     };
     let base = search.fit(&base.theta, &[], 3);
     let sure = late(&search, &base, conventions.echo[tier.joint].late_s);
-    let mut answer = search.answer_with(base, nominal, sure.into());
+    let mut answer = search.answer_with(base.clone(), nominal.clone(), sure.into());
+    if answer.last().members.is_empty() && !withhold.contains(&Effect::ThermalDerating) {
+        answer = weakened(&search, base, nominal).unwrap_or(answer);
+    }
     if let Some((at, without)) = doubted(&answer, &coordinates) {
         answer.drop_member(at, without);
     }

@@ -2,10 +2,11 @@
 
 use super::answer::REMAINDER;
 use super::clock::ONE_CLOCK;
+use super::joint_library::last_resort;
 use super::joints::{Found, Tier};
 use super::open;
 use super::score::{Score, State};
-use super::search::{Answer, Coordinate, Fit};
+use super::search::{Answer, Coordinate, Fit, Search};
 use super::servo::{J, JointRun};
 use crate::vocabulary::{Effect, Stage};
 
@@ -19,6 +20,17 @@ pub(super) fn doubted(answer: &Answer, coordinates: &[Coordinate]) -> Option<(us
     let doubted = |m: &usize| answer.candidates[*m].free.iter().all(none);
     let at = last.members.iter().position(doubted)?;
     Some((at, answer.removed_alone[at].0.clone()))
+}
+
+/// The answer with a motor that weakens as it warms up, tried alone; `None` where it is not believed.
+pub(super) fn weakened(search: &Search<'_, Tier>, base: Fit, nominal: Vec<f64>) -> Option<Answer> {
+    let candidates = [last_resort(search.model.joint)];
+    let alone = Search {
+        candidates: &candidates,
+        ..*search
+    };
+    let answer = alone.answer(base, nominal);
+    (!answer.last().members.is_empty()).then_some(answer)
 }
 
 /// A torque limit that was found, as the measured torque itself shows it: what a joint does beyond its limit hangs on its surroundings, which

@@ -22,6 +22,7 @@ fn read_off(d: &Parts, e: Effect) -> bool {
         | Effect::PacketLoss
         | Effect::Quantisation
         | Effect::ClockSkew => joints.any(|j| j.applied.is_some()),
+        Effect::ThermalDerating => joints.any(|j| j.current.is_some()),
         Effect::MotorConstant | Effect::WindingResistance => {
             joints.any(|j| j.current.is_some() && j.duty.is_some())
         }
