@@ -157,6 +157,30 @@ fn a_late_encoder_that_makes_the_loop_swing_is_found() {
     assert!((delay_s - 0.0101).abs() < 2e-4, "{delay_s}");
 }
 
+/// A warm magnet loses some per cent; that is no effect, and what was found beside it stays.
+#[test]
+fn what_warm_magnets_lose_is_no_derating() {
+    let table = [(0.05, false), (0.35, true)];
+    for (share, named) in table {
+        let planted = Params::default()
+            .with(P::TorqueLimit, 3.0)
+            .with(P::DerateShare, share)
+            .with(P::DerateTime, 2.5);
+        let (m, r) = common::data(&planted, 7);
+        let d = diagnose(&m, &r, 0, &quick()).expect("diagnosis");
+        let names: Vec<&str> = (d.verdict.effects.iter())
+            .map(|e| e.effect.name())
+            .collect();
+        let limits = |n: &&str| ["torque_limit", "current_limit"].contains(n);
+        assert!(names.iter().any(limits), "{share}: {names:?}");
+        assert_eq!(
+            names.contains(&"thermal_derating"),
+            named,
+            "{share}: {names:?}"
+        );
+    }
+}
+
 /// Three gaits of two repeats: swinging in step, swinging out of step, and slow ones that differ as much.
 #[test]
 fn only_what_swings_out_of_step_is_left_out() {

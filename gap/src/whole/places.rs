@@ -27,9 +27,9 @@ struct Fall {
     parts: Vec<(Stage, Option<usize>, Vec<f64>)>,
     left: Vec<f64>,
     /// Stage and joint in which what is left arose.
-    rest: (Stage, Option<usize>),
+    arose: (Stage, Option<usize>),
     /// More is left than the library can be trusted to leave.
-    rests: bool,
+    remains: bool,
     /// A law that the library does not hold is in what is left.
     odd: bool,
 }
@@ -41,18 +41,18 @@ fn falls(d: &Parts) -> Vec<Fall> {
         (own, &f.answer, (f.rest, own.1), [f.odd, f.astray])
     });
     let body = d.body.iter().map(|b| {
-        let rest = match b.changes {
+        let arose = match b.changes {
             Some(Change::Zero(k)) => (Stage::Conventions, Some(k)),
             _ => b.rest.place,
         };
         let odd = b.changes.is_some() || b.rest.evidence > 0.0;
-        ((Stage::Body, None), &b.answer, rest, [odd, false])
+        ((Stage::Body, None), &b.answer, arose, [odd, false])
     });
     let camera = d.camera.iter().map(|c| {
         let own = (Stage::Camera, None);
         (own, &c.answer, own, [false, false])
     });
-    for (own, a, rest, [odd, astray]) in joints.chain(body).chain(camera) {
+    for (own, a, arose, [odd, astray]) in joints.chain(body).chain(camera) {
         let last = a.last();
         let base = &a.steps[0].groups;
         let bent: Vec<f64> = a
@@ -79,14 +79,14 @@ fn falls(d: &Parts) -> Vec<Fall> {
         for (m, g) in last.members.iter().zip(&gains) {
             let c = &a.candidates[*m];
             let part = whole.iter().map(|w| w * g / sum.max(1e-12)).collect();
-            let stage = if astray { rest.0 } else { c.effect.stage() };
+            let stage = if astray { arose.0 } else { c.effect.stage() };
             parts.push((stage, c.joint, part));
         }
         out.push(Fall {
             parts,
             left: last.groups.iter().map(|c| (c - 1.0).max(0.0)).collect(),
-            rest,
-            rests: last.cost > a.limits.remainder,
+            arose,
+            remains: last.cost > a.limits.remainder,
             odd,
         });
     }
@@ -106,8 +106,8 @@ fn costs(d: &Parts, items: &[Item]) -> BTreeMap<Key, Vec<f64>> {
         for (stage, joint, v) in &f.parts {
             add((Some(*stage), *joint), v);
         }
-        let key = if f.rests || f.odd {
-            (Some(f.rest.0), f.rest.1)
+        let key = if f.remains || f.odd {
+            (Some(f.arose.0), f.arose.1)
         } else {
             (None, None)
         };
