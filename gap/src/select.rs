@@ -273,9 +273,8 @@ impl Search<'_> {
         let off = c.effect.is_base() && self.pull(c, &node.model.params) > PULL;
         let relief = (o.cost(&node.model) - o.cost(&t.model)) / self.scale(after, first);
         let enough = self.enough(gain) || (off && gain.max(relief) > STRAINED);
-        let lost = t.model.params.get(P::DerateShare);
-        let magnets = c.effect == Effect::ThermalDerating && lost < material::MAGNETS;
-        let believed = enough && majority && pull > PULL && !magnets;
+        let something = !self.is_nothing(&t.model, c.effect);
+        let believed = enough && majority && pull > PULL && something;
         let out = Considered {
             effect: c.effect,
             step: node.found.len(),

@@ -160,10 +160,10 @@ fn a_late_encoder_that_makes_the_loop_swing_is_found() {
 /// A warm magnet loses some per cent; that is no effect, and what was found beside it stays.
 #[test]
 fn what_warm_magnets_lose_is_no_derating() {
-    let table = [(0.05, false), (0.35, true)];
+    let table = [(0.07, false), (0.35, true)];
     for (share, named) in table {
         let planted = Params::default()
-            .with(P::TorqueLimit, 3.0)
+            .with(P::TorqueLimit, 1.2)
             .with(P::DerateShare, share)
             .with(P::DerateTime, 2.5);
         let (m, r) = common::data(&planted, 7);

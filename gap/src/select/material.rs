@@ -8,7 +8,7 @@ use crate::vocabulary::Effect;
 
 /// Share of its torque that a motor loses as it warms up without being weak: neodymium magnets lose 0.11 % per kelvin, ferrite ones 0.2 % (data
 /// sheets of both materials), and cases warm up by some 40 K.
-pub(super) const MAGNETS: f64 = 0.08;
+const MAGNETS: f64 = 0.08;
 /// Least gain of an effect on runs that no fit has seen, as a share of what is left: it may be small, but no loss.
 const UNSEEN_GAIN: f64 = 0.02;
 /// The same where the effect has a size that no robot has: it may stand for another law, and must be needed for it.
@@ -61,18 +61,21 @@ impl Search<'_> {
         // A base parameter has shown beforehand that it left its tolerance.
         let gains = self.enough(loss / self.scale(now, first)) || base && loss > 0.0;
         gains
-            && !self.is_nothing(&node.model, found)
+            && !self.is_nothing(&node.model, found.candidate.effect)
             && (base && self.pulls(bare, found) || self.holds(node, found, bare, first))
     }
 
     /// Whether an effect is too small to be one: a clock that is off by less than a step at the end of the longest run moves
-    /// set-points within the doubt of their instants.
-    fn is_nothing(&self, model: &Model, found: &Found) -> bool {
-        if found.candidate.effect != Effect::ClockSkew {
-            return false;
+    /// set-points within the doubt of their instants; a motor that loses no more than its magnets do is as strong as stated.
+    pub(super) fn is_nothing(&self, model: &Model, effect: Effect) -> bool {
+        match effect {
+            Effect::ClockSkew => {
+                let longest = self.objective.problem.runs.iter().map(|r| r.steps).max();
+                model.params.get(P::Skew).abs() * longest.unwrap_or(0) as f64 <= 1.0
+            }
+            Effect::ThermalDerating => model.params.get(P::DerateShare) < MAGNETS,
+            _ => false,
         }
-        let longest = self.objective.problem.runs.iter().map(|r| r.steps).max();
-        model.params.get(P::Skew).abs() * longest.unwrap_or(0) as f64 <= 1.0
     }
 
     /// Whether the model with an effect does better than `bare` on runs that neither was fitted to.
