@@ -2,7 +2,7 @@
 //!
 //! `v* = clamp(P (set-point - q), +-vmax)`; the motor gives what torque that takes, at most `Tmax`; a real drive loses some
 //! speed per torque (`droop`, CFM in ODE's words). The load on the joint is what the body needs along the measured motion,
-//! so joints do not couple. A motor at its limit feels [`SURROUNDINGS_NM_RAD`].
+//! so joints do not couple. One step of the motor is in module `drive`.
 
 use super::data::Track;
 use super::drive::{Friction, Limits, drive, warm};
