@@ -13,7 +13,7 @@ use super::data::{Data, JOINTS};
 use super::direct::{Reading, exact};
 use super::joints::{Found, Tier};
 use super::least::solve;
-use super::servo::Load;
+use super::servo::{J, Load};
 use super::windows::{LinkMap, Window};
 use super::{body, friction, servo, windows};
 use crate::math;
@@ -108,6 +108,18 @@ impl Replay<'_> {
         bases.into_iter().any(|b| b.reckoned.is_some())
     }
 
+    /// The joints whose torques show their loads: one at its limit bears what its torque does not show.
+    fn strong(&self) -> impl Iterator<Item = &Found> {
+        let limit = J::MaxTorque as usize;
+        let limited = move |f: &&Found| {
+            let found = f.answer.last().members.iter();
+            found
+                .map(|m| &f.answer.candidates[*m].free)
+                .any(|free| free.contains(&limit))
+        };
+        self.joints.iter().filter(move |f| !limited(f))
+    }
+
     /// Moments of the joints as they were found, under the loads of a body and its links.
     pub(super) fn moments(
         &self,
@@ -120,7 +132,7 @@ impl Replay<'_> {
             let tier = Tier::new(self.data, self.model, k, runs, self.conventions, &loads)?;
             tier.moments(&f.answer.last().theta, false)
         };
-        self.joints.iter().filter_map(one).collect()
+        self.strong().filter_map(one).collect()
     }
 
     /// Measured over replayed load of all joints, with the ground's friction `ratio` times the nominal one.
@@ -152,7 +164,7 @@ impl Replay<'_> {
     /// body.
     pub(super) fn mass(&self) -> Option<Reading> {
         let own = |f: &Found| f.tier.moments(&f.answer.last().theta, false);
-        let all: Vec<Moments> = self.joints.iter().filter_map(own).collect();
+        let all: Vec<Moments> = self.strong().filter_map(own).collect();
         if all.len() < JOINTLY {
             return None;
         }
