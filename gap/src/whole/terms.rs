@@ -136,8 +136,8 @@ impl Answer {
     }
 }
 
-/// Whether an effect mends every fold above the floor by half, two of them at least, and takes none above it: a limit that two gaits alone reach is
-/// nothing to the others.
+/// Whether an effect halves two at least of the folds above the floor and leaves none worse above it: a limit that two gaits alone reach is nothing to
+/// the others.
 pub(super) fn where_it_acts(base: &Fit, fit: &Fit, floor: f64) -> bool {
     const MENDED: f64 = 0.5;
     let folds = || fit.folds.iter().zip(&base.folds);
