@@ -33,8 +33,8 @@ const OFF: f64 = 1.25;
 const LEFT: f64 = 2.1;
 /// What robots without a cause leave of these, in the middle.
 const USUAL: f64 = 1.5;
-/// Share of what the calibrated body leaves from which what was found takes away so much that the rest is how its law differs: of a connector's
-/// play of 0.1 rad two honest simulators keep half.
+/// Share of what the nominal body leaves from which what was found takes away so much that the rest is how its law differs: of a connector's
+/// play of 0.1 rad two honest simulators keep half, of a ground of half the friction as much.
 const KNOWN: f64 = 1.0 / 3.0;
 /// Share of what is left above that which a free connection between reading and link of one joint must take away to be where it arose.
 const TAKEN: f64 = 0.5;
@@ -59,7 +59,13 @@ impl Found {
         if filmed {
             return;
         }
-        let (first, last) = (&self.answer.steps[0].theta, self.answer.last().clone());
+        let last = self.answer.last().clone();
+        // A friction that was found took part in the calibration too.
+        let first = if last.members.is_empty() {
+            &self.answer.steps[0].theta
+        } else {
+            &self.answer.nominal
+        };
         let ends_m = math::median(&self.tier.ends_m(&last.theta));
         let ends = ends_m / self.tier.tolerance_m().max(1e-9) / OFF;
         let left = self.tier.sharp(|tier| {
