@@ -306,7 +306,7 @@ impl Tier {
         for run in &self.runs {
             servo::simulate(run, &self.nominal, theta, &mut trace);
             angles.extend(servo::errors(&trace.position, &run.position).map(f64::abs));
-            torques.extend(servo::errors(&trace.effort, &run.effort).map(f64::abs));
+            torques.extend(run.effort_errors(&trace, theta).map(f64::abs));
         }
         // Four fifths of normal errors lie within 1.282 standard deviations.
         let deviation = |v: &[f64]| math::quantile(v, 0.8) / 1.282;
@@ -329,7 +329,7 @@ impl Tier {
         let mut count = 0;
         for run in &self.runs {
             servo::simulate(run, &self.nominal, theta, &mut trace);
-            let loads = run.loads(&trace, theta).zip(run.left(&trace, &[]));
+            let loads = run.loads(&trace, theta).zip(run.left(&trace, theta, &[]));
             for ((measured, simulated, load), left) in loads {
                 let friction = simulated - theta[J::Load as usize] * load;
                 let torque = measured - friction;

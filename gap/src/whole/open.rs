@@ -83,7 +83,7 @@ fn left(tier: &Tier, theta: &[f64]) -> Vec<(usize, Left)> {
     let mut samples: Vec<(usize, Left)> = Vec::new();
     for (run, group) in tier.grouped() {
         servo::simulate(run, &tier.nominal, theta, &mut trace);
-        let own = run.left(&trace, &WIDTHS_RAD).into_iter();
+        let own = run.left(&trace, theta, &WIDTHS_RAD).into_iter();
         samples.extend(own.map(|l| (group, l)));
     }
     samples

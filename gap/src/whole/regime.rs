@@ -1,7 +1,7 @@
 //! In which regime of its motion a joint has its gap, and in which of its stages what is left arose.
 
 use super::joints::Tier;
-use super::servo::{self, J, JointRun, STEP_S, Trace};
+use super::servo::{self, J, JointRun, STEP_S, Sample, Trace};
 use crate::locate::REGIMES;
 use crate::math;
 use crate::vocabulary::Stage;
@@ -59,14 +59,15 @@ pub(super) fn regime(tier: &Tier, before: &[f64], after: &[f64], gained: bool) -
         servo::simulate(run, &tier.nominal, before, &mut a);
         servo::simulate(run, &tier.nominal, after, &mut b);
         let which = regimes(run, &b, limit_nm);
-        let channels = [
-            (&a.position, &b.position, &run.position),
-            (&a.effort, &b.effort, &run.effort),
+        let angles = |trace: &Trace| servo::errors(&trace.position, &run.position).collect();
+        let torques = |trace: &Trace, p: &[f64]| run.effort_errors(trace, p).collect();
+        let channels: [(Vec<f64>, Vec<f64>, &[Sample]); 2] = [
+            (angles(&a), angles(&b), &run.position),
+            (torques(&a, before), torques(&b, after), &run.effort),
         ];
         for (c, (x, y, samples)) in channels.into_iter().enumerate() {
             let weight = tier.weight(c).powi(2);
-            let errors = servo::errors(x, samples).zip(servo::errors(y, samples));
-            for ((ex, ey), s) in errors.zip(samples) {
+            for ((ex, ey), s) in x.iter().zip(&y).zip(samples) {
                 let left = weight * ey * ey;
                 gap[which[s.step()]] += if gained {
                     weight * ex * ex - left
@@ -102,7 +103,7 @@ pub(super) fn rest(tier: &Tier, theta: &[f64]) -> Stage {
             xe += angle * error;
             ee += error * error;
         }
-        let torques = servo::errors(&trace.effort, &run.effort);
+        let torques = run.effort_errors(&trace, theta);
         sums[1] += torques.map(|r| r * r).sum::<f64>();
         let twists = servo::errors(&trace.twist, &run.twist);
         sums[2] += twists.map(|r| r * r).sum::<f64>();

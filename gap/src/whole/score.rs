@@ -118,7 +118,7 @@ impl Score {
                     let run = if state.conventions { with } else { without };
                     servo::simulate(run, &scored.servo(state), &state.joints[at], &mut trace);
                     let angle: Vec<f64> = servo::errors(&trace.position, &run.position).collect();
-                    let torque: Vec<f64> = servo::errors(&trace.effort, &run.effort).collect();
+                    let torque: Vec<f64> = run.effort_errors(&trace, &state.joints[at]).collect();
                     sums[s].push(math::rms(&angle));
                     if !torque.is_empty() {
                         sums[2 + s].push(math::rms(&torque));

@@ -311,7 +311,7 @@ impl JointRun {
     }
 
     /// What is left at every torque sample, with what may explain it; `widths_rad` are those of the stop operators.
-    pub(super) fn left(&self, trace: &Trace, widths_rad: &[f64]) -> Vec<Left> {
+    pub(super) fn left(&self, trace: &Trace, p: &[f64], widths_rad: &[f64]) -> Vec<Left> {
         // Half of the time over which torques are means, in steps.
         const HALF: usize = (0.05 / STEP_S) as usize;
         let mut stops: Vec<f64> = vec![0.0; widths_rad.len()];
@@ -325,7 +325,7 @@ impl JointRun {
             while let Some(s) = next.next_if(|s| s.at.0 <= i) {
                 let (from, to) = (i.saturating_sub(HALF), (i + HALF).min(self.path.len() - 1));
                 out.push(Left {
-                    torque_nm: s.value - at(&trace.effort, s),
+                    torque_nm: s.value * self.per_ampere(p, s) - at(&trace.effort, s),
                     angle_rad: *q,
                     speed_rad_s: (self.path[to] - self.path[from])
                         / ((to - from).max(1) as f64 * STEP_S),
