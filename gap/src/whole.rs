@@ -31,6 +31,7 @@ mod least;
 #[cfg(test)]
 mod linear;
 mod loads;
+mod nominal;
 mod open;
 mod optimum;
 mod page;

@@ -10,7 +10,7 @@ use super::body_library::coordinates;
 use super::data::{Data, JOINTS};
 use super::search::Evaluate;
 use super::windows::{self, LinkMap, PERIOD_S, Window};
-use super::{inertial, joints, turn};
+use super::{inertial, nominal, turn};
 use crate::math;
 
 /// Coordinates of the body; those of the joints follow, four per joint.
@@ -163,7 +163,7 @@ impl Tier {
         }
         let plain = [LinkMap::default(); JOINTS];
         windows::replay(data, &mut windows, params, &plain, PERIOD_S);
-        windows::measured(data, &mut windows, joints::damping_nm_s(model));
+        windows::measured(data, &mut windows, nominal::damping_nm_s(model));
         let mut names: Vec<usize> = windows.iter().map(|w| w.gait).collect();
         names.sort_unstable();
         names.dedup();

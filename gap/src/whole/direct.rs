@@ -3,7 +3,7 @@
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Track};
 use super::echo;
-use super::joints::nm_per_a;
+use super::nominal::nm_per_a;
 use super::least::solve;
 use crate::math;
 use crate::verdict::Estimate;

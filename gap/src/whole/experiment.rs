@@ -13,7 +13,8 @@ use files::model::{Key, Model};
 use physics::{Drive, Options, Outcome, Params, Start, Trial};
 
 use super::data::{Data, JOINTS};
-use super::joints::{Found, nm_per_a};
+use super::joints::Found;
+use super::nominal::nm_per_a;
 use super::rivals::{Explanation, Open};
 use super::steady::Change;
 use super::{Parts, gaits, predict, windows};

@@ -4,7 +4,8 @@ use files::model::{Key, Model};
 
 use super::conventions::Conventions;
 use super::echo::Echo;
-use super::joints::{INTER, Tier};
+use super::joints::Tier;
+use super::nominal::INTER;
 use super::search::{Candidate, Coordinate};
 use super::servo::{J, JointRun};
 use crate::math;
@@ -189,8 +190,8 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
         many(
             Effect::AsymmetricFriction,
             k,
-            &[J::Asymmetry, J::AsymmetryViscous, J::Coulomb],
-            &[vec![0.3, 0.0, 0.15], vec![-0.3, 0.0, 0.15]],
+            &[J::Asymmetry, J::AsymmetryViscous],
+            &[vec![0.3, 0.0], vec![-0.3, 0.0]],
         ),
     ];
     let mut ripple = Vec::new();

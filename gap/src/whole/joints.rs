@@ -1,6 +1,6 @@
 //! The joint tier: each joint cut out by measured signals and fitted alone.
 
-use files::model::{Key, Model};
+use files::model::Model;
 use rayon::prelude::*;
 
 use super::answer::REMAINDER;
@@ -11,13 +11,12 @@ use super::last_word::{doubted, limited, weakened};
 use super::loads::{JOINTLY, Moments};
 use super::open::Law;
 use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Search};
-use super::servo::{self, J, JointRun, Load, Nominal, Trace};
+use super::nominal::{Nominal, nominal};
+use super::servo::{self, J, JointRun, Load, Trace};
 use super::{open, regime};
 use crate::math;
 use crate::vocabulary::{Effect, Stage};
 
-/// Joints between cubes; the others sit inside one.
-pub(super) const INTER: [usize; 2] = [1, 4];
 /// The same where an echo shows set-points in force at once: a tick of the driver.
 const ECHO_S: f64 = 0.0007;
 /// Largest error that two honest simulators of one servo may have, as a share of the angle's spread; see [`calibrate`].
@@ -54,54 +53,6 @@ pub(super) struct Tier {
     pub(super) ampere: bool,
     /// The set-points are those that the driver applied.
     pub(super) applied: bool,
-}
-
-/// Rated figures of the two motors (paper, Table I): no-load speed at 12 V gives torque per current at the output.
-pub(super) fn nm_per_a(k: usize) -> f64 {
-    if INTER.contains(&k) {
-        12.0 / 2.032
-    } else {
-        12.0 / 2.786
-    }
-}
-
-/// Damping of every joint, N m s/rad.
-pub(super) fn damping_nm_s(model: &Model) -> [f64; JOINTS] {
-    std::array::from_fn(|k| {
-        model.value(if INTER.contains(&k) {
-            Key::InterDamping
-        } else {
-            Key::IntraDamping
-        })
-    })
-}
-
-pub(super) fn nominal(model: &Model, k: usize) -> Nominal {
-    let keys = if INTER.contains(&k) {
-        [
-            Key::InterSpeed,
-            Key::InterTorque,
-            Key::InterGain,
-            Key::InterDamping,
-        ]
-    } else {
-        [
-            Key::IntraSpeed,
-            Key::IntraTorque,
-            Key::IntraGain,
-            Key::IntraDamping,
-        ]
-    };
-    let [speed, torque, gain, damping] = keys.map(|key| model.value(key));
-    Nominal {
-        gain_per_s: gain,
-        gain_tolerance: model.parameter(keys[2]).tolerance / gain.max(1e-9),
-        max_speed_rad_s: speed,
-        max_torque_nm: torque,
-        winding_ohm: 0.0,
-        damping_nm_s_rad: damping,
-        nm_per_a: nm_per_a(k),
-    }
 }
 
 fn scaled(track: &Track, factor: f64) -> Track {
@@ -216,6 +167,7 @@ fn chosen(
             continue;
         }
         if let Some(j) = prepare(run, k, conventions, nominal, &loads[*r][k]) {
+            let j = j.below([nominal.near_limit_nm, nominal.beyond_limit_nm()]);
             let known = names.iter().position(|n| *n == run.gait);
             group.push(known.unwrap_or(names.len()));
             if known.is_none() {

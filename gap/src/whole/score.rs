@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use super::data::{Data, JOINTS};
 use super::echo::Echo;
-use super::servo::{self, JointRun, Load, Nominal, Trace};
+use super::nominal::Nominal;
+use super::servo::{self, JointRun, Load, Trace};
 use super::{body, camera, joints};
 use crate::math;
 

@@ -6,6 +6,7 @@
 
 use super::data::Track;
 use super::drive::{Friction, Limits, drive, warm};
+use super::nominal::Nominal;
 
 macro_rules! coordinates {
     ($($id:ident, $doc:literal;)*) => {
@@ -60,25 +61,6 @@ coordinates! {
 pub(super) const STEP_S: f64 = 0.005;
 /// Load at which the play is half taken up, N m.
 const PLAY_LOAD_NM: f64 = 0.02;
-
-/// Nominal values of a joint's servo.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Nominal {
-    /// P, 1/s.
-    pub(super) gain_per_s: f64,
-    /// Tolerance of P as a share of it.
-    pub(super) gain_tolerance: f64,
-    /// Speed limit, rad/s.
-    pub(super) max_speed_rad_s: f64,
-    /// Torque limit, N m.
-    pub(super) max_torque_nm: f64,
-    /// Joint damping, N m s/rad.
-    pub(super) damping_nm_s_rad: f64,
-    /// Resistance of the winding, ohm; 0 = the supply bounds nothing.
-    pub(super) winding_ohm: f64,
-    /// Torque per current at the output, N m/A.
-    pub(super) nm_per_a: f64,
-}
 
 /// A sample to compare with.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -209,6 +191,30 @@ impl JointRun {
     /// The same with a torque that is a current times the nominal torque per current, or not.
     pub(super) fn by_current(self, ampere: bool) -> Self {
         Self { ampere, ..self }
+    }
+
+    /// The same without the samples around where the measured torque lies in `limit_nm`: what a joint does at its limit hangs on its surroundings,
+    /// which a joint by itself does not know. A joint that hardly leaves its limit keeps them.
+    pub(super) fn below(mut self, limit_nm: [f64; 2]) -> Self {
+        // Torques are means over 0.1 s; a joint that was held back catches up within some tenths of a second.
+        const BEFORE: usize = (0.1 / STEP_S) as usize;
+        const AFTER: usize = (0.5 / STEP_S) as usize;
+        const LEAST: f64 = 0.1;
+        if self.effort.is_empty() {
+            return self;
+        }
+        let mut bound = vec![false; self.steps];
+        for (i, nm) in self.twisting.iter().enumerate() {
+            if (limit_nm[0]..=limit_nm[1]).contains(&nm.abs()) {
+                bound[i.saturating_sub(BEFORE)..(i + AFTER).min(self.steps)].fill(true);
+            }
+        }
+        let free = bound.iter().filter(|b| !**b).count();
+        if free as f64 >= LEAST * self.steps as f64 {
+            self.position.retain(|s| !bound[s.step()]);
+            self.effort.retain(|s| !bound[s.step()]);
+        }
+        self
     }
 
     /// Prepares a run.
