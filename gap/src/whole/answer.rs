@@ -49,9 +49,7 @@ impl Scores {
         let before = score.metrics(&first);
         let calibrated = score.metrics(&base);
         let after = score.metrics(&last);
-        let outside = items
-            .iter()
-            .any(|i| matches!(i.place, found::Place::Convention | found::Place::Direct));
+        let outside = items.iter().any(Item::outside);
         let items = items
             .iter()
             .map(|i| {
@@ -283,7 +281,11 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
     let items = found::items(d);
     let s = Scores::new(d, score, &items);
     let gap = gap(d, score, &s, settings);
-    let remainder = Remainder::new(d);
+    let mut remainder = Remainder::new(d);
+    if items.iter().any(Item::outside) {
+        let share = gap.after / gap.before.max(1e-12);
+        remainder.explain(1.0 - share * share);
+    }
     let word = remainder.word(&items);
     let belief = remainder.belief(word, &items);
     let effects = rows(&items, &s, &belief);

@@ -139,6 +139,11 @@ impl Remainder {
         }
     }
 
+    /// Notes the `share` of the squared gap that effects outside the tiers' models explain with the rest: no tier's cost shows it.
+    pub(super) fn explain(&mut self, share: f64) {
+        self.explained = self.explained.max(share);
+    }
+
     /// The word of the verdict.
     pub(super) fn word(&self, items: &[Item]) -> Word {
         let left = self.worst > 1.0 || self.odd > 0.0 || self.body > 0.0;

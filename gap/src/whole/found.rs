@@ -66,6 +66,11 @@ impl Item {
             .sum();
         1.0 / (1.0 + rest)
     }
+
+    /// Whether it acts outside the models that are fitted.
+    pub(super) const fn outside(&self) -> bool {
+        matches!(self.place, Place::Convention | Place::Direct)
+    }
 }
 
 /// Takes what was found before the fits out of the nominal coordinates.
