@@ -223,12 +223,7 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
         answer = Searched::over(&tier, c, k).seek(&start, sure.as_ref(), None);
         sure = sure.or_else(|| telling(&tier, &answer));
     }
-    let offset = |m: &usize| {
-        let found = &answer.candidates[*m];
-        (found.effect == Effect::JointOffset).then_some(found.joint?)
-    };
-    let moved: Vec<usize> = answer.last().members.iter().filter_map(offset).collect();
-    let changes = tier.changes(&answer.last().theta, &moved);
+    let changes = tier.changes(&answer.last().theta);
     Found {
         changes,
         rest: Rest::NONE,

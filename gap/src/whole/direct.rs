@@ -3,8 +3,8 @@
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Track};
 use super::echo;
-use super::nominal::nm_per_a;
 use super::least::solve;
+use super::nominal::nm_per_a;
 use crate::math;
 use crate::verdict::Estimate;
 use crate::vocabulary::Effect;

@@ -1,6 +1,7 @@
 //! Whether what the model holds constant stays the same during a run.
 
-use super::body::{B, NUMBERS, OFFSET, Tier, of_joint};
+use super::body::{B, NUMBERS, OFFSET, Tier, WINDOW_S, of_joint};
+use super::data::JOINTS;
 use super::search::Evaluate;
 
 /// What is another one late in a run than early.
@@ -14,14 +15,23 @@ pub(super) enum Change {
 
 /// Frictions that windows are simulated with, as ratios to the one found.
 const FRICTIONS: [f64; 9] = [0.3, 0.42, 0.55, 0.7, 0.85, 1.0, 1.2, 1.5, 1.9];
-/// Offsets of a joint, likewise.
+/// Offsets of a joint that has one, likewise; and of one that has none, rad.
 const OFFSETS: [f64; 9] = [-0.5, 0.0, 0.4, 0.7, 1.0, 1.3, 1.6, 2.0, 2.5];
+const OFFSETS_RAD: [f64; 9] = [-0.3, -0.16, -0.08, -0.03, 0.0, 0.03, 0.08, 0.16, 0.3];
+/// Offsets between the least and the largest of these that are fitted.
+const FITTED: usize = 61;
+/// A zero that drifts runs away steadily from where homing put it, which was up to so long before a run, s: the robot goes to its first set-points.
+const HOMED_S: [f64; 4] = [0.0, 2.0, 4.0, 8.0];
+/// Least gain of such a zero over one that stays, in costs of a window at the mean, and the most that a gait may lose by it: of 125, emulated robots
+/// whose zero drifts by 5 to 18 mrad/s gain 9.6 to 29 and no gait loses; others gain up to 2.3, or 5.5 where gaits lose 1.5 and more.
+const AWAY: f64 = 5.0;
+const LOSS: f64 = 1.0;
 /// Largest fall that is tried, and its steps to either side of none.
 const MOST: f64 = 2.4;
 const FALLS: i32 = 16;
 /// Values in mid run that are tried.
 const LEVELS: usize = 25;
-/// Least fall that counts, whichever gait is left out: a friction halved or doubled, an offset changed by seven tenths of itself.
+/// Least fall that counts, whichever gait is left out: a friction halved or doubled.
 const FAR: f64 = core::f64::consts::LN_2;
 /// Least gain on gaits left out, in costs of a window at the mean: of 125, emulated robots whose friction falls by 2.6 or more gain 8 and more,
 /// others up to 2.4 with a fall that all gaits tell.
@@ -46,20 +56,64 @@ fn laws(low: f64, high: f64) -> impl Iterator<Item = Law> {
 }
 
 impl Tier {
-    /// What changes along the runs of the body `theta`, on which the joints `moved` were found to have offsets.
-    pub(super) fn changes(&self, theta: &[f64], moved: &[usize]) -> Option<Change> {
-        let at = |coordinate: usize, ratio: f64| {
+    /// What changes along the runs of the body `theta`.
+    pub(super) fn changes(&self, theta: &[f64]) -> Option<Change> {
+        let drifts = (0..JOINTS).filter_map(|k| Some((k, self.drifts(theta, k)?)));
+        if let Some((k, _)) = drifts.max_by(|a, b| a.1.total_cmp(&b.1)) {
+            return Some(Change::Zero(k));
+        }
+        let at = |ratio: f64| {
             let mut t = theta.to_vec();
-            t[coordinate] *= ratio;
-            self.window_costs(&t)
+            t[B::Friction as usize] *= ratio;
+            (libm::log(ratio), self.window_costs(&t))
         };
-        let friction = FRICTIONS.map(|f| (libm::log(f), at(B::Friction as usize, f)));
-        let zero = |k: &&usize| {
-            let offsets = OFFSETS.map(|f| (f, at(of_joint(**k, OFFSET), f)));
-            self.unsteady(&offsets)
+        self.unsteady(&FRICTIONS.map(at))
+            .then_some(Change::Friction)
+    }
+
+    /// What a zero of joint `k` that runs away from where homing put it gains over the best offset that stays, in costs of a window at the mean;
+    /// `None` where it stays.
+    fn drifts(&self, theta: &[f64], k: usize) -> Option<f64> {
+        let own = theta[of_joint(k, OFFSET)];
+        let at = |x: f64| {
+            let mut t = theta.to_vec();
+            t[of_joint(k, OFFSET)] = x;
+            (x, self.window_costs(&t))
         };
-        let first = moved.iter().find(zero).map(|k| Change::Zero(*k));
-        first.or_else(|| self.unsteady(&friction).then_some(Change::Friction))
+        let mut tried = if own == 0.0 {
+            OFFSETS_RAD.map(at)
+        } else {
+            OFFSETS.map(|f| at(f * own))
+        };
+        tried.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let by_gait = |offset: &dyn Fn(f64) -> f64| {
+            let mut sums = vec![0.0; self.groups];
+            for (w, window) in self.windows.iter().enumerate() {
+                sums[self.group[w]] += between(&tried, w, offset(window.from_s + 0.5 * WINDOW_S));
+            }
+            sums
+        };
+        let (low, high) = (tried[0].0, tried[tried.len() - 1].0);
+        let values = || (0..FITTED).map(|i| low + (high - low) * i as f64 / (FITTED - 1) as f64);
+        let best = |all: &mut dyn Iterator<Item = Vec<f64>>| {
+            all.min_by(|a, b| a.iter().sum::<f64>().total_cmp(&b.iter().sum()))
+        };
+        let stays = best(&mut values().map(|x| by_gait(&|_| x)))?;
+        let length_s = self.windows.iter().map(|w| w.from_s).fold(0.0, f64::max) + WINDOW_S;
+        let runs = best(&mut values().map(|x| {
+            let since = |homed_s: &f64| by_gait(&|t_s| x * (t_s + homed_s) / length_s);
+            let all: Vec<Vec<f64>> = HOMED_S.iter().map(since).collect();
+            let least = |g: usize| all.iter().map(|a| a[g]).fold(f64::INFINITY, f64::min);
+            (0..self.groups).map(least).collect()
+        }))?;
+        let unit = stays.iter().sum::<f64>() / self.windows.len() as f64;
+        let gains: Vec<f64> = (stays.iter().zip(&runs).map(|(a, b)| (a - b) / unit)).collect();
+        let (gain, worst) = (
+            gains.iter().sum(),
+            gains.iter().fold(0.0f64, |a, b| a.min(*b)),
+        );
+        let told = gains.iter().filter(|g| **g > LOSS).count() >= 2;
+        (gain > AWAY && worst > -LOSS && told).then_some(gain)
     }
 
     /// Whether a value changes along the runs, of which `tried` holds the windows' costs, by rising value: by how much the other gaits tell, on every gait.
