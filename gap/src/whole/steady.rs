@@ -17,13 +17,15 @@ pub(super) enum Change {
 const FRICTIONS: [f64; 9] = [0.3, 0.42, 0.55, 0.7, 0.85, 1.0, 1.2, 1.5, 1.9];
 /// Offsets of a joint that has one, likewise; and of one that has none, rad.
 const OFFSETS: [f64; 9] = [-0.5, 0.0, 0.4, 0.7, 1.0, 1.3, 1.6, 2.0, 2.5];
-const OFFSETS_RAD: [f64; 9] = [-0.3, -0.16, -0.08, -0.03, 0.0, 0.03, 0.08, 0.16, 0.3];
+const OFFSETS_RAD: [f64; 15] = [
+    -0.3, -0.22, -0.16, -0.11, -0.07, -0.04, -0.02, 0.0, 0.02, 0.04, 0.07, 0.11, 0.16, 0.22, 0.3,
+];
 /// Offsets between the least and the largest of these that are fitted.
 const FITTED: usize = 61;
 /// A zero that drifts runs away steadily from where homing put it, which was up to so long before a run, s: the robot goes to its first set-points.
 const HOMED_S: [f64; 4] = [0.0, 2.0, 4.0, 8.0];
 /// Least gain of such a zero over one that stays, in costs of a window at the mean, and the most that a gait may lose by it: of 125, emulated robots
-/// whose zero drifts by 5 to 18 mrad/s gain 9.6 to 29 and no gait loses; others gain up to 2.3, or 5.5 where gaits lose 1.5 and more.
+/// whose zero drifts by 5 to 18 mrad/s gain 9.6 to 29 and no gait loses; others gain up to 3.6.
 const AWAY: f64 = 5.0;
 const LOSS: f64 = 1.0;
 /// Largest fall that is tried, and its steps to either side of none.
@@ -80,10 +82,10 @@ impl Tier {
             t[of_joint(k, OFFSET)] = x;
             (x, self.window_costs(&t))
         };
-        let mut tried = if own == 0.0 {
-            OFFSETS_RAD.map(at)
+        let mut tried: Vec<(f64, Vec<f64>)> = if own == 0.0 {
+            OFFSETS_RAD.iter().map(|x| at(*x)).collect()
         } else {
-            OFFSETS.map(|f| at(f * own))
+            OFFSETS.iter().map(|f| at(f * own)).collect()
         };
         tried.sort_by(|a, b| a.0.total_cmp(&b.0));
         let by_gait = |offset: &dyn Fn(f64) -> f64| {
