@@ -557,3 +557,57 @@ pub(super) fn errors<'a>(
 pub(super) fn values(samples: &[Sample]) -> impl Iterator<Item = f64> + '_ {
     samples.iter().map(|s| s.value)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_joint_at_its_limit_is_not_compared_until_it_has_caught_up() {
+        // 10 s of rest, in rows of 25 ms; the torque is `nm` from 4 to 6 s.
+        let track = |nm: f64| {
+            let t_s: Vec<f64> = (0..400).map(|i| f64::from(i) * 0.025).collect();
+            let between = |t: &f64| if (4.0..6.0).contains(t) { nm } else { 0.1 };
+            let v = t_s.iter().map(between).collect();
+            Track { t_s, v }
+        };
+        let cases: [(&str, f64, [f64; 2]); 4] = [
+            ("far below", 2.0, [0.0, 0.0]),
+            ("at the limit", 4.6, [3.8, 6.5]),
+            ("the same backward", -4.6, [3.8, 6.5]),
+            ("a motor that gives more has another", 6.0, [0.0, 0.0]),
+        ];
+        for (what, nm, [from_s, to_s]) in cases {
+            let still = track(0.1);
+            let run = JointRun::new(&still, &still, None, Some(&track(nm)), Load::default());
+            let below = run.clone().below([4.35, 5.25]);
+            for (all, kept) in [
+                (&run.position, &below.position),
+                (&run.effort, &below.effort),
+            ] {
+                let time_s = |s: &Sample| s.step() as f64 * STEP_S;
+                let gone = all.iter().filter(|s| !kept.contains(s)).map(time_s);
+                let gone: Vec<f64> = gone.collect();
+                assert_eq!(gone.is_empty(), to_s == 0.0, "{what}");
+                assert!(
+                    gone.iter().all(|t| (from_s..to_s + 0.1).contains(t)),
+                    "{what}"
+                );
+                let inside = all.iter().map(time_s).filter(|t| (4.1..5.9).contains(t));
+                assert!(to_s == 0.0 || inside.count() > 30, "{what}");
+            }
+        }
+        let held = JointRun::new(
+            &track(4.6),
+            &track(4.6),
+            None,
+            Some(&track(4.6)),
+            Load::default(),
+        );
+        let always = held.clone().below([0.0, 5.25]);
+        assert_eq!(
+            always.position, held.position,
+            "a joint that never leaves it"
+        );
+    }
+}
