@@ -47,6 +47,7 @@ mod screen;
 mod search;
 mod servo;
 mod stages;
+mod stand_in;
 mod steady;
 mod terms;
 mod traffic;

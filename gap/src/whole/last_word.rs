@@ -89,6 +89,12 @@ pub(super) fn refuted(score: &Score, joints: &mut [Found]) {
 }
 
 impl Found {
+    /// Whether `effect` was found.
+    fn names(&self, effect: Effect) -> bool {
+        let named = |m: &usize| self.answer.candidates[*m].effect == effect;
+        self.answer.last().members.iter().any(named)
+    }
+
     /// Whether the effects found only bend to what the joint shows: a straight line mends a part of any gap, and more than a fifth of it stays.
     fn bent(&self) -> bool {
         const STAYS: f64 = 0.2;
@@ -124,6 +130,9 @@ pub(super) fn drop_lone_clocks(joints: &mut [Found]) {
 pub(super) fn mark(found: &mut [Found], replayed: bool) {
     // Laws of one joint are six times those of the next (emulated robots), of a ground that was taken for another 1.6 times.
     const APART: f64 = 2.0;
+    // A ripple that is one leaves 0.004 to 0.008 that a law predicts; one that imitates a hysteresis on the path of few gaits 0.07 to 0.16, one with a
+    // wrong number of periods 0.17 (emulated robots).
+    const RIPPLED: f64 = 0.05;
     let least_nm = if replayed { open::LEAST_NM } else { 0.0 };
     let laws: Vec<f64> = found.iter().map(|f| f.law.share).collect();
     for (k, f) in found.iter_mut().enumerate() {
@@ -131,6 +140,7 @@ pub(super) fn mark(found: &mut [Found], replayed: bool) {
         let next = others.map(|l| *l.1).fold(0.0, f64::max);
         let law = f.law.share;
         f.odd = law > open::LAW && law > APART * next && f.law.size_nm > least_nm;
+        f.odd |= law > RIPPLED && f.names(Effect::TorqueRipple);
         if f.odd && f.rest != Stage::Transmission {
             // Laws are those of torques.
             f.rest = Stage::Drivetrain;

@@ -520,21 +520,6 @@ impl<E: Evaluate> Search<'_, E> {
         best
     }
 
-    /// Candidates that could stand in the place of `member`.
-    fn rivals_of(&self, full: &Fit, member: usize) -> Vec<usize> {
-        let own = &self.candidates[member];
-        (0..self.candidates.len())
-            .filter(|c| {
-                let x = &self.candidates[*c];
-                !full.members.contains(c)
-                    && (x.effect, x.joint) != (own.effect, own.joint)
-                    && !full.members.iter().any(|m| {
-                        *m != member && self.candidates[*m].free.iter().any(|i| x.free.contains(i))
-                    })
-            })
-            .collect()
-    }
-
     /// The fit with one member taken out and the rest fitted again.
     pub(super) fn without(&self, full: &Fit, member: usize) -> Fit {
         let members: Vec<usize> = full
@@ -548,52 +533,5 @@ impl<E: Evaluate> Search<'_, E> {
             theta[*i] = self.coordinates[*i].neutral;
         }
         self.fit(&theta, &members, self.limits.iterations)
-    }
-
-    /// Rivals of `member`: the best other candidates in its place.
-    pub(super) fn rivals(&self, full: &Fit, member: usize, most: usize) -> Vec<Rival> {
-        let without = self.without(full, member);
-        let own = &self.candidates[member];
-        let mut open = self.rivals_of(full, member);
-        // What holds all of this effect's numbers and more always fits as well; that makes it no rival.
-        open.retain(|c| {
-            let x = &self.candidates[*c].free;
-            x.len() <= own.free.len() || !own.free.iter().all(|i| x.contains(i))
-        });
-        // The same numbers under another name leave the same.
-        let (same, open): (Vec<usize>, Vec<usize>) = open
-            .into_iter()
-            .partition(|c| self.candidates[*c].free == own.free);
-        let renamed = |c: usize| {
-            let name = |m: &usize| if *m == member { c } else { *m };
-            let members = full.members.iter().map(name).collect();
-            let fit = Fit {
-                members,
-                ..full.clone()
-            };
-            Rival {
-                candidate: c,
-                ratio: 1.0,
-                fit,
-            }
-        };
-        let mut out: Vec<Rival> = same.into_iter().map(renamed).collect();
-        for (c, theta, _) in self.screen(&without, &open).0 {
-            if out.len() >= most {
-                break;
-            }
-            if out.iter().any(|r| r.candidate == c) {
-                continue;
-            }
-            let mut members = without.members.clone();
-            members.push(c);
-            let fit = self.fit(&theta, &members, self.limits.iterations);
-            out.push(Rival {
-                candidate: c,
-                ratio: fit.cost / full.cost.max(1e-12),
-                fit,
-            });
-        }
-        out
     }
 }
