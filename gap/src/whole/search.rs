@@ -84,10 +84,9 @@ impl<E: Evaluate> Search<'_, E> {
             return c.range;
         }
         let reach = self.limits.beyond * c.sigma;
-        [
-            (c.neutral - reach).max(c.range[0]),
-            (c.neutral + reach).min(c.range[1]),
-        ]
+        // What was seen (a torque above the nominal limit) goes before a tolerance.
+        let low = (c.neutral - reach).max(c.range[0]);
+        [low, (c.neutral + reach).min(c.range[1]).max(low)]
     }
 
     pub(super) fn prior_weight(&self, cost: f64) -> f64 {
