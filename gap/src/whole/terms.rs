@@ -122,11 +122,22 @@ pub(super) struct Answer {
 }
 
 impl Answer {
-    /// Goes back to `without`, the last step without its member number `at`.
+    /// Goes back to `without`, the last step without its member number `at`. The other members' fits lose it too: the next one that is dropped must not
+    /// bring it back.
     pub(super) fn drop_member(&mut self, at: usize, without: Fit) {
+        let gone = self.last().members[at];
         self.rivals.remove(at);
         self.removed_alone.remove(at);
         self.strengths.remove(at);
+        for (removed, _) in &mut self.removed_alone {
+            removed.members.retain(|m| *m != gone);
+            for i in &self.candidates[gone].free {
+                let freed = |m: &usize| self.candidates[*m].free.contains(i);
+                if !removed.members.iter().any(freed) {
+                    removed.theta[*i] = self.nominal[*i];
+                }
+            }
+        }
         self.steps.push(without);
     }
 
