@@ -216,4 +216,64 @@ mod tests {
             );
         }
     }
+
+    #[test]
+    fn what_was_taken_back_stays_away_when_the_next_goes() {
+        let effects = [
+            Effect::Latency,
+            Effect::CoulombFriction,
+            Effect::TorqueLimit,
+        ];
+        let candidate = |(i, effect): (usize, &Effect)| Candidate {
+            effect: *effect,
+            joint: Some(0),
+            free: vec![i],
+            starts: Vec::new(),
+        };
+        // Three members whose numbers are 5 with them and 1 without.
+        let with = |members: &[usize]| Fit {
+            theta: (0..3)
+                .map(|i| if members.contains(&i) { 5.0 } else { 1.0 })
+                .collect(),
+            members: members.to_vec(),
+            ..fit(&[])
+        };
+        let mut answer = Answer {
+            candidates: effects.iter().enumerate().map(candidate).collect(),
+            steps: vec![with(&[]), with(&[0, 1, 2])],
+            rivals: vec![Vec::new(); 3],
+            removed_alone: vec![
+                (with(&[1, 2]), with(&[0])),
+                (with(&[0, 2]), with(&[1])),
+                (with(&[0, 1]), with(&[2])),
+            ],
+            strengths: vec![1.0; 3],
+            nearest: 0.0,
+            pull: 0.0,
+            limits: LIMITS,
+            nominal: vec![1.0; 3],
+            nominal_groups: Vec::new(),
+        };
+        for (at, left) in [(1, &[0, 2][..]), (0, &[2]), (0, &[])] {
+            let without = answer.removed_alone[at].0.clone();
+            answer.drop_member(at, without);
+            assert_eq!(*answer.last(), with(left));
+            assert_eq!(answer.removed_alone.len(), left.len());
+        }
+    }
+
+    const LIMITS: Limits = Limits {
+        share: 0.1,
+        least: 0.1,
+        relative: 0.1,
+        of_first: 0.1,
+        floor: 1.0,
+        independent: 10.0,
+        most: 4,
+        beyond: 3.0,
+        refined: 1,
+        iterations: 1,
+        remainder: 6.0,
+        rough: false,
+    };
 }
