@@ -167,7 +167,7 @@ fn chosen(
             continue;
         }
         if let Some(j) = prepare(run, k, conventions, nominal, &loads[*r][k]) {
-            let j = j.below([nominal.near_limit_nm, nominal.beyond_limit_nm()]);
+            let j = j.below(nominal.at_limit_nm());
             let known = names.iter().position(|n| *n == run.gait);
             group.push(known.unwrap_or(names.len()));
             if known.is_none() {

@@ -18,8 +18,8 @@ pub(super) struct Nominal {
     pub(super) max_speed_rad_s: f64,
     /// Torque limit, N m.
     pub(super) max_torque_nm: f64,
-    /// The same less three of its tolerances, N m: from there on a joint may be at its limit.
-    pub(super) near_limit_nm: f64,
+    /// Tolerance of the torque limit, N m.
+    pub(super) torque_tolerance_nm: f64,
     /// Joint damping, N m s/rad.
     pub(super) damping_nm_s_rad: f64,
     /// Resistance of the winding, ohm; 0 = the supply bounds nothing.
@@ -29,9 +29,10 @@ pub(super) struct Nominal {
 }
 
 impl Nominal {
-    /// The torque limit and three of its tolerances, N m: a motor that gives more has another limit.
-    pub(super) fn beyond_limit_nm(&self) -> f64 {
-        2.0 * self.max_torque_nm - self.near_limit_nm
+    /// Least and largest torque of a joint at its limit, N m: three tolerances to either side. A motor that gives more has another limit.
+    pub(super) fn at_limit_nm(&self) -> [f64; 2] {
+        let reach = 3.0 * self.torque_tolerance_nm;
+        [self.max_torque_nm - reach, self.max_torque_nm + reach]
     }
 }
 
@@ -78,7 +79,7 @@ pub(super) fn nominal(model: &Model, k: usize) -> Nominal {
         gain_tolerance: model.parameter(keys[2]).tolerance / gain.max(1e-9),
         max_speed_rad_s: speed,
         max_torque_nm: torque,
-        near_limit_nm: torque - 3.0 * model.parameter(keys[1]).tolerance,
+        torque_tolerance_nm: model.parameter(keys[1]).tolerance,
         winding_ohm: 0.0,
         damping_nm_s_rad: damping,
         nm_per_a: nm_per_a(k),

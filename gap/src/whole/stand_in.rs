@@ -8,6 +8,21 @@ use crate::vocabulary::Effect;
 /// see the second in place of the first, because a gain within its tolerance has taken most of it.
 const TWINS: [Effect; 2] = [Effect::LoopGain, Effect::FeedbackDelay];
 
+/// The members of `full` with candidate `c` in the place of `member`.
+fn exchanged(full: &Fit, member: usize, c: usize) -> Vec<usize> {
+    let name = |m: &usize| if *m == member { c } else { *m };
+    full.members.iter().map(name).collect()
+}
+
+/// Candidate `candidate`, which leaves what `fit` leaves, beside `full`.
+fn beside(full: &Fit, candidate: usize, fit: Fit) -> Rival {
+    Rival {
+        candidate,
+        ratio: fit.cost / full.cost.max(1e-12),
+        fit,
+    }
+}
+
 impl<E: Evaluate> Search<'_, E> {
     /// Candidates that could stand in the place of `member`.
     fn rivals_of(&self, full: &Fit, member: usize) -> Vec<usize> {
@@ -30,8 +45,7 @@ impl<E: Evaluate> Search<'_, E> {
         if own.joint != other.joint || [own.effect, other.effect] != TWINS {
             return None;
         }
-        let name = |m: &usize| if *m == member { c } else { *m };
-        let members: Vec<usize> = full.members.iter().map(name).collect();
+        let members = exchanged(full, member, c);
         let mut nominal = full.theta.clone();
         own.free
             .iter()
@@ -47,11 +61,7 @@ impl<E: Evaluate> Search<'_, E> {
         };
         let fits = other.starts.iter().map(from);
         let fit = fits.min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-        Some(Rival {
-            candidate: c,
-            ratio: fit.cost / full.cost.max(1e-12),
-            fit,
-        })
+        Some(beside(full, c, fit))
     }
 
     /// Rivals of `member`: the best other candidates in its place.
@@ -69,17 +79,11 @@ impl<E: Evaluate> Search<'_, E> {
             .into_iter()
             .partition(|c| self.candidates[*c].free == own.free);
         let renamed = |c: usize| {
-            let name = |m: &usize| if *m == member { c } else { *m };
-            let members = full.members.iter().map(name).collect();
             let fit = Fit {
-                members,
+                members: exchanged(full, member, c),
                 ..full.clone()
             };
-            Rival {
-                candidate: c,
-                ratio: 1.0,
-                fit,
-            }
+            beside(full, c, fit)
         };
         let mut out: Vec<Rival> = same.into_iter().map(renamed).collect();
         out.extend(open.iter().filter_map(|c| self.twin(full, member, *c)));
@@ -93,11 +97,7 @@ impl<E: Evaluate> Search<'_, E> {
             let mut members = without.members.clone();
             members.push(c);
             let fit = self.fit(&theta, &members, self.limits.iterations);
-            out.push(Rival {
-                candidate: c,
-                ratio: fit.cost / full.cost.max(1e-12),
-                fit,
-            });
+            out.push(beside(full, c, fit));
         }
         out
     }
