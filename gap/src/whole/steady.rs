@@ -113,14 +113,9 @@ impl Tier {
             let least = |g: usize| all.iter().map(|a| a[g]).fold(f64::INFINITY, f64::min);
             (0..self.groups).map(least).collect()
         }))?;
-        let unit = stays.iter().sum::<f64>() / self.windows.len() as f64;
-        let gains: Vec<f64> = (stays.iter().zip(&runs).map(|(a, b)| (a - b) / unit)).collect();
-        let gain: f64 = gains.iter().sum();
-        let [worst, best] = [f64::min, f64::max].map(|of| gains.iter().copied().fold(0.0, of));
-        let told = gain - best > ELSEWHERE && worst > -LOSS;
-        let none = by_gait(&|_| 0.0).iter().sum::<f64>() / unit;
-        let averaged = none - self.windows.len() as f64 > MEAN * gain;
-        (gain > AWAY && told && averaged).then_some(gain)
+        let none = by_gait(&|_| 0.0);
+        let windows = self.windows.len() as f64;
+        ran_away([&none, &stays, &runs], windows)
     }
 
     /// Whether a value changes along the runs, of which `tried` holds the windows' costs, by rising value: by how much the other gaits tell, on every gait.
@@ -172,6 +167,19 @@ impl Tier {
     }
 }
 
+/// What a zero that runs away gains over the best offset that stays, in costs of a window at the mean, from the costs of the gaits without an offset, with
+/// that one and with the drift, of `windows` windows in all; `None` where they do not bear a drift out.
+fn ran_away([none, stays, runs]: [&[f64]; 3], windows: f64) -> Option<f64> {
+    let sum = |costs: &[f64]| costs.iter().sum::<f64>();
+    let unit = sum(stays) / windows;
+    let gains = || stays.iter().zip(runs).map(|(a, b)| (a - b) / unit);
+    let gain: f64 = gains().sum();
+    let told =
+        gain - gains().fold(0.0, f64::max) > ELSEWHERE && gains().fold(0.0, f64::min) > -LOSS;
+    let averaged = sum(none) / unit - windows > MEAN * gain;
+    (gain > AWAY && told && averaged).then_some(gain)
+}
+
 /// Cost of window `w` at the value `x`, between the two tried ones beside it.
 fn between(tried: &[(f64, Vec<f64>)], w: usize, x: f64) -> f64 {
     let last = tried.len() - 1;
@@ -180,4 +188,40 @@ fn between(tried: &[(f64, Vec<f64>)], w: usize, x: f64) -> f64 {
     let (a, b) = (&tried[i - 1], &tried[i]);
     let f = (x - a.0) / (b.0 - a.0);
     a.1[w] * (1.0 - f) + b.1[w] * f
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ran_away;
+
+    #[test]
+    fn a_drift_is_told_by_many_gaits_and_by_its_mean() {
+        // Costs of four gaits of 25 windows each: without an offset, with the best that stays, with the drift.
+        let stays = [25.0; 4];
+        for (name, none, runs, gain) in [
+            ("on every gait", [28.0; 4], [23.0; 4], Some(8.0)),
+            ("too small", [28.0; 4], [24.0; 4], None),
+            (
+                "on one gait alone",
+                [28.0; 4],
+                [18.0, 25.0, 25.0, 25.0],
+                None,
+            ),
+            (
+                "one gait speaks against it",
+                [28.0; 4],
+                [18.0, 21.0, 21.0, 26.5],
+                None,
+            ),
+            (
+                "an offset that stays gains nothing",
+                [25.1; 4],
+                [23.0; 4],
+                None,
+            ),
+        ] {
+            let found = ran_away([&none, &stays, &runs], 100.0);
+            assert_eq!(found.map(|g| (g * 1e6).round() / 1e6), gain, "{name}");
+        }
+    }
 }
