@@ -203,7 +203,10 @@ impl Remainder {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
+    use crate::vocabulary::Effect;
 
     #[test]
     fn probabilities_sum_to_one_whatever_the_weights() {
@@ -245,6 +248,103 @@ mod tests {
                 let p = b.probabilities();
                 assert!((p.none + p.unknown - 1.0).abs() < 1e-12, "{word:?} {p:?}");
             }
+        }
+    }
+
+    /// An effect of a joint or, without one, of the body.
+    fn item(effect: Effect, joint: Option<usize>) -> Item {
+        Item {
+            effect,
+            joint,
+            parameters: BTreeMap::new(),
+            gain: 1.0,
+            strength: 2.0,
+            rivals: Vec::new(),
+            place: joint.map_or(Place::Body(0), |k| Place::Joint(k, 0)),
+            plausible: true,
+        }
+    }
+
+    #[test]
+    fn the_word_follows_from_what_was_found_and_what_is_left() {
+        use Effect::{CoulombFriction, GroundFriction, Latency};
+        let rubs = [item(CoulombFriction, Some(1))];
+        let late = [item(Latency, Some(1))];
+        let slips = [item(GroundFriction, None)];
+        // Effects, then: largest cost left, share explained by the tiers, by all, law that the library does not hold, remainder of the body.
+        for (what, items, [worst, tiers, all, odd, body], word) in [
+            ("nothing", &[][..], [0.5, 1.0, 1.0, 0.0, 0.0], Word::None),
+            (
+                "a cost alone",
+                &[],
+                [1.5, 0.0, 0.0, 0.0, 0.0],
+                Word::Unknown,
+            ),
+            ("a law alone", &[], [0.5, 1.0, 1.0, 1.2, 0.0], Word::Unknown),
+            (
+                "an effect",
+                &rubs,
+                [0.5, 0.9, 0.9, 0.0, 0.0],
+                Word::Explained,
+            ),
+            (
+                "a nominal number",
+                &slips,
+                [0.5, 0.9, 0.9, 0.0, 0.0],
+                Word::Parametric,
+            ),
+            (
+                "most of it",
+                &late,
+                [1.5, 0.9, 0.9, 0.0, 0.0],
+                Word::PartlyExplained,
+            ),
+            (
+                "half of it",
+                &late,
+                [1.5, 0.5, 0.5, 0.0, 0.0],
+                Word::Unknown,
+            ),
+            (
+                "most of it by signals",
+                &late,
+                [1.5, 0.5, 0.95, 0.0, 0.0],
+                Word::PartlyExplained,
+            ),
+            (
+                "an effect beside a law",
+                &late,
+                [0.5, 0.9, 0.9, 1.2, 0.0],
+                Word::Unknown,
+            ),
+            (
+                "the body keeps something",
+                &slips,
+                [0.5, 0.9, 0.9, 0.0, 1.5],
+                Word::Unknown,
+            ),
+            (
+                "so do replayed loads",
+                &rubs,
+                [0.5, 0.9, 0.9, 0.0, 1.5],
+                Word::Unknown,
+            ),
+            (
+                "a signal stands beside it",
+                &late,
+                [0.5, 0.9, 0.9, 0.0, 1.5],
+                Word::PartlyExplained,
+            ),
+        ] {
+            let mut r = Remainder {
+                worst,
+                explained: tiers,
+                odd,
+                body,
+                nearest: 0.0,
+            };
+            r.explain(all);
+            assert_eq!(r.word(items), word, "{what}");
         }
     }
 }
