@@ -171,7 +171,7 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
             J::FeedbackDelay,
             &[0.01, 0.02, 0.05, 0.1],
         ),
-        one(Effect::MotorLag, k, J::Lag, &[0.02, 0.05, 0.15]),
+        one(Effect::MotorLag, k, J::Lag, &[0.006, 0.02, 0.05, 0.15]),
         one(Effect::TorqueLimit, k, J::MaxTorque, &grid(0.06, 1.12, 24)),
         one(Effect::CurrentLimit, k, J::MaxTorque, &grid(0.06, 1.12, 24)),
         one(Effect::CoulombFriction, k, J::Coulomb, &[0.1, 0.4, 1.0]),

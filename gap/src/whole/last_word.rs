@@ -4,7 +4,7 @@ use super::answer::REMAINDER;
 use super::clock::ONE_CLOCK;
 use super::joint_library::last_resort;
 use super::joints::{Found, Tier};
-use super::open;
+use super::open::{self, Law};
 use super::score::{Score, State};
 use super::search::{Answer, Coordinate, Fit, Search};
 use super::servo::{J, JointRun};
@@ -125,22 +125,29 @@ pub(super) fn drop_lone_clocks(joints: &mut [Found]) {
     }
 }
 
+/// How many times as large as the next joint's law one must be: laws of one joint are six times those of the next (emulated robots), of a ground that was
+/// taken for another 1.6 times.
+const APART: f64 = 2.0;
+/// A ripple that is one leaves 0.004 to 0.008 that a law predicts; one that imitates a hysteresis on the path of few gaits 0.07 to 0.16, one with a
+/// wrong number of periods 0.17 (emulated robots).
+const RIPPLED: f64 = 0.05;
+
+/// Whether what a joint keeps follows a `law` that the library does not hold, where that of the `next` joint predicts so much, one below `least_nm` is the
+/// error of the loads, and the joint is said to have a `ripple`.
+fn outside(law: &Law, next: f64, least_nm: f64, ripple: bool) -> bool {
+    let apart = law.share > open::LAW && law.share > APART * next;
+    (apart && law.size_nm > least_nm) || (ripple && law.share > RIPPLED)
+}
+
 /// Marks the joints whose remainder follows a law: one that several joints show comes from the loads, which the body shares; and so does a small
 /// one where the loads are `replayed`.
 pub(super) fn mark(found: &mut [Found], replayed: bool) {
-    // Laws of one joint are six times those of the next (emulated robots), of a ground that was taken for another 1.6 times.
-    const APART: f64 = 2.0;
-    // A ripple that is one leaves 0.004 to 0.008 that a law predicts; one that imitates a hysteresis on the path of few gaits 0.07 to 0.16, one with a
-    // wrong number of periods 0.17 (emulated robots).
-    const RIPPLED: f64 = 0.05;
     let least_nm = if replayed { open::LEAST_NM } else { 0.0 };
     let laws: Vec<f64> = found.iter().map(|f| f.law.share).collect();
     for (k, f) in found.iter_mut().enumerate() {
         let others = laws.iter().enumerate().filter(|l| l.0 != k);
         let next = others.map(|l| *l.1).fold(0.0, f64::max);
-        let law = f.law.share;
-        f.odd = law > open::LAW && law > APART * next && f.law.size_nm > least_nm;
-        f.odd |= law > RIPPLED && f.names(Effect::TorqueRipple);
+        f.odd = outside(&f.law, next, least_nm, f.names(Effect::TorqueRipple));
         if f.odd && f.rest != Stage::Transmission {
             // Laws are those of torques.
             f.rest = Stage::Drivetrain;
@@ -154,6 +161,36 @@ pub(super) fn mark(found: &mut [Found], replayed: bool) {
         if f.rival > open::RIVAL && f.law.size_nm > least_nm {
             // The gap is where it was without them.
             (f.odd, f.astray, f.rest) = (true, true, f.gap);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Law, outside};
+
+    #[test]
+    fn a_law_outside_the_library_is_one_joints_and_larger_than_the_error_of_the_loads() {
+        for (what, [share, size_nm, next], ripple, is) in [
+            ("a hysteresis", [0.4, 0.3, 0.05], false, true),
+            (
+                "too little of what is left",
+                [0.19, 0.3, 0.05],
+                false,
+                false,
+            ),
+            ("soft ground: small", [0.4, 0.09, 0.05], false, false),
+            (
+                "loads that all joints share",
+                [0.4, 0.3, 0.25],
+                false,
+                false,
+            ),
+            ("a ripple", [0.006, 0.02, 0.0], true, false),
+            ("a ripple of a wrong period", [0.17, 0.1, 0.0], true, true),
+        ] {
+            let law = Law { share, size_nm };
+            assert_eq!(outside(&law, next, 0.12, ripple), is, "{what}");
         }
     }
 }
