@@ -156,7 +156,12 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
         one(Effect::JointScale, k, J::Scale, &[slope, 0.95, 1.05]),
         one(Effect::JointOffset, k, J::Offset, &[offset, 0.02, -0.02]),
         one(Effect::LoopGain, k, J::Gain, &[0.4, 0.7, 1.4, 2.5]),
-        one(Effect::Deadband, k, J::DeadHard, &[0.01, 0.03, 0.08]),
+        one(
+            Effect::Deadband,
+            k,
+            J::DeadHard,
+            &[0.003, 0.006, 0.01, 0.03, 0.08],
+        ),
         one(Effect::Deadband, k, J::DeadSoft, &[0.005, 0.02, 0.06]),
         one(Effect::VelocityLimit, k, J::MaxSpeed, &speeds),
         one(

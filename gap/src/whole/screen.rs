@@ -8,6 +8,8 @@ use super::terms::{Evaluate, Fit};
 
 /// Share of its tolerance's reach from which a nominal number may stand for its own effect, which is tried then.
 const STRAINED: f64 = 0.8;
+/// Rounds in which the weights of outliers follow what a straight line foretells: at a start far from the data all samples are outliers.
+const ROUNDS: usize = 2;
 /// A candidate with more starts than this is searched by its starts alone.
 const DENSE: usize = 20;
 
@@ -56,28 +58,18 @@ impl<E: Evaluate> Search<'_, E> {
                     steps.extend(h);
                 }
                 moved.extend(own);
-                let blocks = blocks(&r, &all, &steps);
-                let (mut a, mut b, cost, groups) = total(&blocks, &|_| true);
-                let n = moved.len();
-                let weight = self.prior_weight(base.cost) * groups;
-                for j in 0..n {
-                    a[j * n + j] += 1e-15;
-                    if let Some(p) = prior
-                        .get(j)
-                        .filter(|_| !self.candidates[c].free.contains(&moved[j]))
-                    {
-                        a[j * n + j] += weight * p.0;
-                        b[j] += weight * p.1;
-                    }
-                    a[j * n + j] *= 1.001;
-                }
-                let d = solve(&a, &b);
-                let gain: f64 = d.iter().zip(&b).map(|(x, y)| x * y).sum();
+                let weight = self.prior_weight(base.cost);
+                let pull = |j: usize| {
+                    let held =
+                        |p: &&(f64, f64)| p.0 > 0.0 && !self.candidates[c].free.contains(&moved[j]);
+                    prior.get(j).filter(held).map(|p| (weight * p.0, p.1 / p.0))
+                };
+                let (d, there) = adapted(r, all, &steps, &pull);
                 for (i, d) in moved.iter().zip(&d).skip(free.len()) {
                     let range = self.coordinates[*i].range;
                     t[*i] = (t[*i] - d).clamp(range[0], range[1]);
                 }
-                (c, t, ((cost - gain) / groups.max(1.0)).max(0.0))
+                (c, t, there)
             })
             .collect();
         out.sort_by(|a, b| a.2.total_cmp(&b.2));
@@ -114,4 +106,51 @@ impl<E: Evaluate> Search<'_, E> {
             .min_by(|a, b| a.1.total_cmp(&b.1))
             .map_or_else(|| theta.to_vec(), |t| t.0)
     }
+}
+
+/// What `columns`, residuals after each of the `steps`, take off the residuals `r` as straight lines: by how much each number goes back, and the cost there.
+/// `pull` is a number's prior: its weight in the cost, and how far the number is off.
+fn adapted(
+    mut r: Vec<Vec<f64>>,
+    mut columns: Vec<Vec<Vec<f64>>>,
+    steps: &[f64],
+    pull: &dyn Fn(usize) -> Option<(f64, f64)>,
+) -> (Vec<f64>, f64) {
+    let n = steps.len();
+    let mut back = vec![0.0; n];
+    for _ in 0..ROUNDS {
+        let (mut a, mut b, _, groups) = total(&blocks(&r, &columns, steps), &|_| true);
+        for j in 0..n {
+            a[j * n + j] += 1e-15;
+            if let Some((weight, off)) = pull(j) {
+                a[j * n + j] += weight * groups;
+                b[j] += weight * groups * (off - back[j]);
+            }
+            a[j * n + j] *= 1.001;
+        }
+        let d = solve(&a, &b);
+        let next = foretold(&r, &columns, steps, &d);
+        columns = columns.iter().map(|c| add(c, &r, &next)).collect();
+        r = next;
+        back.iter_mut().zip(&d).for_each(|(x, d)| *x += d);
+    }
+    let strain = |j: usize| {
+        let (weight, off) = pull(j)?;
+        Some(weight * ((off - back[j]).powi(2) - off * off))
+    };
+    let strain: f64 = (0..n).filter_map(strain).sum();
+    (back, (cost(&r) + strain).max(0.0))
+}
+
+/// Residuals after every number goes back by `d`, by straight lines.
+fn foretold(r: &[Vec<f64>], columns: &[Vec<Vec<f64>>], steps: &[f64], d: &[f64]) -> Vec<Vec<f64>> {
+    let mut out = r.to_vec();
+    for ((column, h), d) in columns.iter().zip(steps).zip(d) {
+        for ((out, r), column) in out.iter_mut().zip(r).zip(column) {
+            for ((out, r), x) in out.iter_mut().zip(r).zip(column) {
+                *out -= (x - r) / h * d;
+            }
+        }
+    }
+    out
 }

@@ -491,7 +491,9 @@ impl<E: Evaluate> Search<'_, E> {
         let significant = self.candidates[c].free.iter().any(|i| {
             let x = &self.coordinates[*i];
             let off = (fit.theta[*i] - x.neutral).abs();
-            off > 3.0 * fit.deviation[*i] && off > self.limits.beyond * x.sigma
+            // Less than the step of a slope is what two simulators of one law differ by; where the cost is rough, steps are wide.
+            let seen = self.limits.rough || off > x.step;
+            seen && off > 3.0 * fit.deviation[*i] && off > self.limits.beyond * x.sigma
         });
         let gain = self.told(base) - self.told(fit);
         // Where the cost is rough, some play or spring mends a window or two everywhere: a small gain must be one on every gait.
