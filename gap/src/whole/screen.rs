@@ -48,10 +48,13 @@ impl<E: Evaluate> Search<'_, E> {
                     let own = self.candidates[c].free.iter().copied();
                     own.filter(|i| !free.contains(i)).collect()
                 };
-                if let [i] = own.as_slice() {
+                let apart = |i: &usize| base.theta[*i] - t[*i];
+                if let [i] = own.as_slice()
+                    && apart(i) != 0.0
+                {
                     // The secant from here is slope enough for one number.
                     all.push(r0.clone());
-                    steps.push(base.theta[*i] - t[*i]);
+                    steps.push(apart(i));
                 } else {
                     let (more, h) = self.slopes(&t, &own, &glimpse);
                     all.extend(more);
@@ -139,7 +142,16 @@ fn adapted(
         Some(weight * ((off - back[j]).powi(2) - off * off))
     };
     let strain: f64 = (0..n).filter_map(strain).sum();
-    (back, (cost(&r) + strain).max(0.0))
+    let there = cost(&r) + strain;
+    // What is no number ranks last.
+    (
+        back,
+        if there.is_finite() {
+            there.max(0.0)
+        } else {
+            f64::INFINITY
+        },
+    )
 }
 
 /// Residuals after every number goes back by `d`, by straight lines.
@@ -153,4 +165,54 @@ fn foretold(r: &[Vec<f64>], columns: &[Vec<Vec<f64>>], steps: &[f64], d: &[f64])
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::adapted;
+
+    #[test]
+    fn a_start_that_makes_outliers_of_all_samples_is_judged_by_where_its_line_leads() {
+        // One gait; samples turn by 1, 2, 3 for every unit of the first number and by 1, 0, 0 for every unit of the second.
+        let turns = [[1.0, 1.0], [2.0, 0.0], [3.0, 0.0]];
+        let at = |x: [f64; 2]| {
+            vec![
+                turns
+                    .iter()
+                    .map(|t| t[0] * x[0] + t[1] * x[1])
+                    .collect::<Vec<f64>>(),
+            ]
+        };
+        let start = [40.0, -7.0];
+        let columns = vec![at([40.5, -7.0]), at([40.0, -6.9])];
+        let (back, there) = adapted(at(start), columns.clone(), &[0.5, 0.1], &|_| None);
+        assert!(
+            (back[0] - 40.0).abs() < 0.1 && (back[1] + 7.0).abs() < 0.1,
+            "{back:?}"
+        );
+        assert!(there < 0.01, "{there}");
+        // A prior of weight 2 on the second number, which stands at its neutral value of 3.
+        let pull = |j: usize| (j == 1).then_some((2.0, 0.0));
+        let (_, there) = adapted(
+            at([0.0, 3.0]),
+            vec![at([0.5, 3.0]), at([0.0, 3.1])],
+            &[0.5, 0.1],
+            &pull,
+        );
+        let closed_form = {
+            // Least of the mean of (x + y)^2, 4 x^2 and 9 x^2, and of 2 (y - 3)^2.
+            let best = |y: f64| (y * y * (1.0 - 1.0 / 14.0)) / 3.0 + 2.0 * (y - 3.0).powi(2);
+            (0..=3000)
+                .map(|k| best(f64::from(k) * 1e-3))
+                .fold(f64::INFINITY, f64::min)
+        };
+        assert!((there - closed_form).abs() < 0.02, "{there} {closed_form}");
+        let broken = adapted(
+            at([0.0, 3.0]),
+            vec![at([0.5, 3.0]), at([0.0, 3.0])],
+            &[0.5, 0.0],
+            &|_| None,
+        );
+        assert_eq!(broken.1, f64::INFINITY);
+    }
 }
