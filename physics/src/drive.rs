@@ -9,8 +9,8 @@ use control::cpg::{self, CpgState};
 
 /// Guards `floor` of a time by its period against rounding.
 const TICK_GUARD: f64 = 1e-6;
-/// Ticks a set-point can be late by (5 s at 20 Hz, the largest `latency.delay_s`), and the present one.
-const HISTORY: usize = 101;
+/// Ticks a set-point can be late by (5 s at 40 Hz, the largest `latency.delay_s` and `clock_skew.ratio`), and the present one.
+const HISTORY: usize = 201;
 
 /// State of one lane's drive.
 pub(crate) struct LaneDrive<'a> {
@@ -111,7 +111,7 @@ impl<'a> LaneDrive<'a> {
                 command,
             );
         }
-        let tick_time_s = f64::from(self.tick) / CONTROL_RATE_HZ;
+        let tick_time_s = f64::from(self.tick) / self.tick_rate_hz();
         let ticked = time_s + TICK_GUARD >= tick_time_s;
         if ticked {
             self.next_tick(motors);
@@ -123,7 +123,13 @@ impl<'a> LaneDrive<'a> {
         ticked
     }
 
+    /// Control ticks in a true second: the robot counts them by its own clock.
+    fn tick_rate_hz(&self) -> f64 {
+        CONTROL_RATE_HZ * self.trial.params.clock_ratio
+    }
+
     fn next_tick(&mut self, motors: usize) {
+        // By the robot's clock.
         let time_s = f64::from(self.tick) / CONTROL_RATE_HZ;
         match &self.trial.drive {
             Drive::Gait {
@@ -189,7 +195,7 @@ impl<'a> LaneDrive<'a> {
 
     /// The newest set-point that was sent at `time_s` or before.
     fn arrived(&self, joint: usize, time_s: f64) -> f64 {
-        let ticks = (time_s + TICK_GUARD) * CONTROL_RATE_HZ;
+        let ticks = (time_s + TICK_GUARD) * self.tick_rate_hz();
         if ticks < 0.0 {
             return f64::from(self.first[joint]);
         }

@@ -132,6 +132,8 @@ pub struct Params {
     pub ground_damping_n_s_m: f64,
     /// `com_offset`: shift of the centre of mass of the base body's half-spheres, m, body frame.
     pub com_offset_m: [f64; 3],
+    /// `clock_skew.ratio`: rate of the robot's clock, which makes the control ticks, over true rate.
+    pub clock_ratio: f64,
 }
 
 impl TryFrom<&Model> for Params {
@@ -177,6 +179,7 @@ impl Params {
             ground_stiffness_n_m: f64::INFINITY,
             ground_damping_n_s_m: 0.0,
             com_offset_m: [0.0; 3],
+            clock_ratio: 1.0,
         };
         for entry in model.effects() {
             let values: Vec<f64> = entry.parameters.iter().map(|p| p.value).collect();
@@ -260,6 +263,7 @@ impl Params {
                 }
             }
             Effect::ComOffset => self.com_offset_m = [v[0], v[1], v[2]],
+            Effect::ClockSkew => self.clock_ratio = v[0],
             // The film is not the body's business; whoever makes one reads these.
             other if other.info().stage == Stage::Camera => {}
             other => return Err(unsupported(other)),

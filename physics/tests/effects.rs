@@ -44,10 +44,11 @@ fn with(effect: Effect, values: &[f64]) -> Model {
 }
 
 fn simulated(effect: Effect) -> bool {
-    matches!(
+    let body = matches!(
         effect.info().stage,
         Stage::Drivetrain | Stage::Transmission | Stage::Body
-    )
+    );
+    body || effect == Effect::ClockSkew
 }
 
 /// Values that mean "off"; base effects are off at the nominal value.
@@ -78,6 +79,7 @@ fn strong(effect: Effect) -> Vec<f64> {
         Effect::GroundCompliance => vec![2000.0, 20.0],
         Effect::Mass => vec![1.5],
         Effect::ComOffset => vec![0.01, 0.0, 0.02],
+        Effect::ClockSkew => vec![1.1],
         other => panic!("{other:?} is not simulated here"),
     }
 }
@@ -126,37 +128,51 @@ fn effects_of_other_stages_are_refused_by_name() {
     );
 }
 
+/// When the first encoder is half way through a step of 0.2 rad, which is sent at the 20th set-point of 20 Hz, s.
+fn half_way_s(model: &Model) -> f64 {
+    const RATE_HZ: f64 = 200.0;
+    let values: Vec<f32> = (0..60)
+        .flat_map(|i| [if i < 20 { 0.0 } else { 0.2 }; 6])
+        .collect();
+    let trial = Trial {
+        params: Arc::new(Params::try_from(model).unwrap()),
+        start: Start::HomeAtOnce,
+        drive: Drive::SetPoints {
+            period_s: 0.05,
+            values_rad: Arc::from(values),
+        },
+        duration_s: 3.0,
+    };
+    let options = Options {
+        sample_rate_hz: RATE_HZ,
+        ..options()
+    };
+    let outcome = run_at(Level::detect(), &[trial], &options)
+        .unwrap()
+        .remove(0);
+    let mut first = outcome.encoders_rad.iter().step_by(6);
+    first.position(|q| *q > 0.1).unwrap() as f64 / RATE_HZ
+}
+
 #[test]
 fn late_set_points_arrive_between_ticks() {
-    const RATE_HZ: f64 = 200.0;
-    // Set-points at 20 Hz, a step of 0.2 rad after a second; the instant at which the first encoder is half way.
-    let half_way_s = |delay_s: f64| {
-        let values: Vec<f32> = (0..40)
-            .flat_map(|i| [if i < 20 { 0.0 } else { 0.2 }; 6])
-            .collect();
-        let trial = Trial {
-            params: Arc::new(Params::try_from(&with(Effect::Latency, &[delay_s])).unwrap()),
-            start: Start::HomeAtOnce,
-            drive: Drive::SetPoints {
-                period_s: 0.05,
-                values_rad: Arc::from(values),
-            },
-            duration_s: 2.0,
-        };
-        let options = Options {
-            sample_rate_hz: RATE_HZ,
-            ..options()
-        };
-        let outcome = run_at(Level::detect(), &[trial], &options)
-            .unwrap()
-            .remove(0);
-        let mut first = outcome.encoders_rad.iter().step_by(6);
-        first.position(|q| *q > 0.1).unwrap() as f64 / RATE_HZ
-    };
-    let at_once_s = half_way_s(0.0);
+    let at_once_s = half_way_s(&with(Effect::Latency, &[0.0]));
     for delay_s in [0.02, 0.05, 0.08, 0.1] {
-        let late_s = half_way_s(delay_s) - at_once_s;
+        let late_s = half_way_s(&with(Effect::Latency, &[delay_s])) - at_once_s;
         assert!((late_s - delay_s).abs() < 0.006, "{late_s} for {delay_s}");
+    }
+}
+
+#[test]
+fn a_robot_whose_clock_is_fast_reaches_its_set_points_early() {
+    let at_once_s = half_way_s(&with(Effect::ClockSkew, &[1.0]));
+    for ratio in [0.5, 0.97, 1.03, 2.0] {
+        // The 20th set-point is due after a second of the robot's clock.
+        let early_s = at_once_s - half_way_s(&with(Effect::ClockSkew, &[ratio]));
+        assert!(
+            (early_s - (1.0 - 1.0 / ratio)).abs() < 0.006,
+            "{early_s} for {ratio}"
+        );
     }
 }
 
