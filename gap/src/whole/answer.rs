@@ -33,52 +33,38 @@ pub(super) struct Scores {
 
 impl Scores {
     pub(super) fn new(d: &Parts, score: &Score, items: &[Item]) -> Self {
-        let pick = |of: &dyn Fn(&search::Answer) -> Vec<f64>, conventions: bool| State {
+        let pick = |of: &dyn Fn(&search::Answer) -> Vec<f64>| State {
             joints: d.joints.iter().map(|f| of(&f.answer)).collect(),
             body: d.body.as_ref().map_or_else(Vec::new, |b| of(&b.answer)),
             camera: d.camera.as_ref().map_or_else(Vec::new, |c| of(&c.answer)),
-            conventions,
+            conventions: true,
         };
-        let mut first = pick(&|a| a.nominal.clone(), false);
-        for (theta, f) in first.joints.iter_mut().zip(&d.joints) {
-            theta.clone_from(&f.answer.nominal);
-            found::unsigned(theta);
-        }
-        let base = pick(&|a| a.steps[0].theta.clone(), true);
-        let last = pick(&|a| a.last().theta.clone(), true);
-        let before = score.metrics(&first);
-        let calibrated = score.metrics(&base);
-        let after = score.metrics(&last);
+        // Without what was found outside the tiers' models.
+        let bare = |mut state: State| {
+            state.conventions = false;
+            for (theta, f) in state.joints.iter_mut().zip(&d.joints) {
+                found::unsigned(theta, &f.answer.nominal);
+            }
+            state
+        };
+        let first = bare(pick(&|a| a.nominal.clone()));
+        let base = pick(&|a| a.steps[0].theta.clone());
+        let last = pick(&|a| a.last().theta.clone());
         let outside = items.iter().any(Item::outside);
+        let or_bare = |state: State| if outside { bare(state) } else { state };
+        let before = score.metrics(&first);
+        let calibrated = score.metrics(&or_bare(base.clone()));
+        let after = score.metrics(&last);
         let items = items
             .iter()
             .map(|i| {
                 let (mut alone, mut removed) = (base.clone(), last.clone());
-                match i.place {
-                    found::Place::Joint(at, m) => {
-                        let (r, a) = &d.joints[at].answer.removed_alone[m];
-                        alone.joints[at].clone_from(&a.theta);
-                        removed.joints[at].clone_from(&r.theta);
-                    }
-                    found::Place::Body(m) => {
-                        if let Some(b) = &d.body {
-                            let (r, a) = &b.answer.removed_alone[m];
-                            alone.body.clone_from(&a.theta);
-                            removed.body.clone_from(&r.theta);
-                        }
-                    }
-                    found::Place::Camera(m) => {
-                        if let Some(c) = &d.camera {
-                            let (r, a) = &c.answer.removed_alone[m];
-                            alone.camera.clone_from(&a.theta);
-                            removed.camera.clone_from(&r.theta);
-                        }
-                    }
-                    found::Place::Convention => removed = first.clone(),
-                    // Its part of the model is outside the joints' laws.
-                    found::Place::Direct => {}
+                if i.outside() {
+                    // What was found outside the tiers' models comes and goes together.
+                    return (score.metrics(&alone), score.metrics(&bare(removed)));
                 }
-                (score.metrics(&alone), score.metrics(&removed))
+                with_and_without(d, i.place, &mut alone, &mut removed);
+                (score.metrics(&or_bare(alone)), score.metrics(&removed))
             })
             .collect();
         let mut out = Self {
@@ -115,6 +101,32 @@ impl Scores {
         known
             .min_by(|a, b| fall(a).total_cmp(&fall(b)))
             .unwrap_or("position_rmse_rad")
+    }
+}
+
+/// Puts the item at `place` into `alone`, a state without effects, and takes it out of `removed`, one with all.
+fn with_and_without(d: &Parts, place: found::Place, alone: &mut State, removed: &mut State) {
+    match place {
+        found::Place::Joint(at, m) => {
+            let (r, a) = &d.joints[at].answer.removed_alone[m];
+            alone.joints[at].clone_from(&a.theta);
+            removed.joints[at].clone_from(&r.theta);
+        }
+        found::Place::Body(m) => {
+            if let Some(b) = &d.body {
+                let (r, a) = &b.answer.removed_alone[m];
+                alone.body.clone_from(&a.theta);
+                removed.body.clone_from(&r.theta);
+            }
+        }
+        found::Place::Camera(m) => {
+            if let Some(c) = &d.camera {
+                let (r, a) = &c.answer.removed_alone[m];
+                alone.camera.clone_from(&a.theta);
+                removed.camera.clone_from(&r.theta);
+            }
+        }
+        found::Place::Convention | found::Place::Direct => {}
     }
 }
 

@@ -73,10 +73,11 @@ impl Item {
     }
 }
 
-/// Takes what was found before the fits out of the nominal coordinates.
-pub(super) fn unsigned(theta: &mut [f64]) {
-    theta[J::Scale as usize] = 1.0;
-    theta[J::PerAmpere as usize] = 1.0;
+/// Takes what was found before the fits, and stands in the `nominal` coordinates, out of `theta`.
+pub(super) fn unsigned(theta: &mut [f64], nominal: &[f64]) {
+    for i in [J::Scale as usize, J::PerAmpere as usize] {
+        theta[i] /= nominal[i];
+    }
 }
 
 /// A number of an effect from coordinates.
