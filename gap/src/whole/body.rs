@@ -102,6 +102,7 @@ pub(super) const NUMBERS: usize = 6 * SAMPLES;
 const STARTS: usize = 12;
 
 /// Windows and what was measured in them.
+#[derive(Clone)]
 pub(super) struct Tier {
     base: Params,
     pub(super) model: Model,

@@ -45,6 +45,8 @@ pub(super) struct JointRow {
 pub(super) struct Score {
     pub(super) joints: Vec<Scored>,
     pub(super) body: Option<body::Tier>,
+    /// The body as it was recorded, where its joints were found to read in another order or sense.
+    pub(super) recorded: Option<body::Tier>,
     pub(super) camera: Option<camera::Tier>,
     pub(super) runs: Vec<usize>,
 }
@@ -104,6 +106,7 @@ impl Score {
         Self {
             joints: found.iter().map(of).collect(),
             body,
+            recorded: None,
             camera: None,
             runs: runs.to_vec(),
         }
@@ -169,7 +172,8 @@ impl Score {
                 out.entry(name).or_default().push((sum / n).sqrt());
             }
         }
-        if let Some(tier) = &self.body {
+        let recorded = self.recorded.as_ref().filter(|_| !state.conventions);
+        if let Some(tier) = recorded.or(self.body.as_ref()) {
             let errors = tier.errors(&state.body);
             out.insert("pose_rmse_m", errors.iter().map(|e| e[0]).collect());
             out.insert("heading_rmse_rad", errors.iter().map(|e| e[1]).collect());

@@ -15,7 +15,7 @@ use super::loads::{self, Replay};
 use super::score::Score;
 use super::search::Candidate;
 use super::servo::Load;
-use super::windows::{self, Window};
+use super::windows::{self, LinkMap, Window};
 use super::{Settings, Split, WholeError, body, camera, direct, film, friction, last_word, split};
 use crate::vocabulary::{Effect, Stage};
 
@@ -258,16 +258,33 @@ impl Task<'_> {
             }
             s.measure(&seen.data, &b.answer.last().theta);
         }
+        let scored = scored.filter(|_| seen.body.is_some());
         let mut score = Score::new(
             &seen.data,
             joints,
-            scored.filter(|_| seen.body.is_some()),
+            scored,
             runs,
             &seen.conventions,
             &loads.by_run,
         );
+        let found = seen.body.as_ref().map(|b| (b.tier.maps, b.tier.order));
+        score.recorded = score.body.clone().zip(found).and_then(as_recorded);
         score.camera = camera::Tier::new(&seen.data, self.manifest, self.model, self.films, runs)
             .filter(|_| filmed);
         score
     }
+}
+
+/// The scored runs of a body whose joints were `found` to read in another order or sense, as they were recorded; `None` where they read as they should.
+fn as_recorded(
+    (mut scored, (maps, order)): (body::Tier, ([LinkMap; JOINTS], [usize; JOINTS])),
+) -> Option<body::Tier> {
+    let right = std::array::from_fn(|k| k);
+    // The scored data stand in the order found.
+    order
+        .iter()
+        .enumerate()
+        .for_each(|(k, from)| scored.order[*from] = k);
+    scored.maps = [LinkMap::default(); JOINTS];
+    (order != right || maps != scored.maps).then_some(scored)
 }
