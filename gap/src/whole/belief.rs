@@ -4,6 +4,7 @@
 //! constants are chosen, not fitted: near a threshold four of five answers are right, far from it nearly all. What a sealed suite makes of
 //! them is its calibration error (docs/diagnosis-data.md).
 
+use super::body_rest::Rest;
 use super::found::{self, Item, Place};
 use super::{Parts, open, search};
 use crate::math;
@@ -83,6 +84,8 @@ pub(super) struct Remainder {
     odd: f64,
     /// Evidence that the simulator misses something of the body, in thresholds; 0 = none.
     body: f64,
+    /// Where that arose.
+    place: (Stage, Option<usize>),
     /// Gain of the best effect that was not taken, over its threshold.
     nearest: f64,
 }
@@ -120,6 +123,7 @@ impl Remainder {
             last += excess(a.last().cost);
             nearest = nearest.max(a.nearest);
         }
+        let rest = d.body.as_ref().map_or(Rest::NONE, |b| b.rest);
         let explained = if first > 0.0 { 1.0 - last / first } else { 1.0 };
         // The least share explained of a joint that keeps a remainder.
         let share = |a: &search::Answer| {
@@ -134,7 +138,8 @@ impl Remainder {
             worst,
             explained: explained.min(least),
             odd: odd(d),
-            body: d.body.as_ref().map_or(0.0, |b| b.rest.evidence),
+            body: rest.evidence,
+            place: rest.place,
             nearest,
         }
     }
@@ -150,8 +155,11 @@ impl Remainder {
         // What the body keeps takes nothing from what joints and signals show, but leaves nothing explained that the body shows,
         // nor what rests on loads that were replayed with it.
         let own = |i: &Item| {
-            let loads = [Stage::Body, Stage::Drivetrain].contains(&i.effect.stage());
-            loads || matches!(i.place, Place::Body(_))
+            let stage = i.effect.stage();
+            let loads = [Stage::Body, Stage::Drivetrain].contains(&stage);
+            // What stays in the very place where an effect was found bears that effect out as little as it is explained by it.
+            let same = i.joint.is_some() && (stage, i.joint) == self.place;
+            loads || same || matches!(i.place, Place::Body(_))
         };
         let elsewhere = || items.iter().any(|i| !own(i));
         let kept = self.body > 0.0 && !elsewhere();
@@ -242,6 +250,7 @@ mod tests {
                     explained: rng.uniform(),
                     odd: 3.0 * rng.uniform(),
                     body: 3.0 * rng.uniform(),
+                    place: (Stage::Body, None),
                     nearest: rng.uniform(),
                 };
                 let b = r.belief(word, &[]);
@@ -267,10 +276,11 @@ mod tests {
 
     #[test]
     fn the_word_follows_from_what_was_found_and_what_is_left() {
-        use Effect::{CoulombFriction, GroundFriction, Latency};
+        use Effect::{CoulombFriction, GroundFriction, JointOffset, Latency};
         let rubs = [item(CoulombFriction, Some(1))];
         let late = [item(Latency, Some(1))];
         let slips = [item(GroundFriction, None)];
+        let off = [item(JointOffset, Some(1))];
         // Effects, then: largest cost left, share explained by the tiers, by all, law that the library does not hold, remainder of the body.
         for (what, items, [worst, tiers, all, odd, body], word) in [
             ("nothing", &[][..], [0.5, 1.0, 1.0, 0.0, 0.0], Word::None),
@@ -335,12 +345,19 @@ mod tests {
                 [0.5, 0.9, 0.9, 0.0, 1.5],
                 Word::PartlyExplained,
             ),
+            (
+                "a zero that keeps moving",
+                &off,
+                [0.5, 0.9, 0.9, 0.0, 1.5],
+                Word::Unknown,
+            ),
         ] {
             let mut r = Remainder {
                 worst,
                 explained: tiers,
                 odd,
                 body,
+                place: (Stage::Conventions, Some(1)),
                 nearest: 0.0,
             };
             r.explain(all);

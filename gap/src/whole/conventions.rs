@@ -36,6 +36,11 @@ impl Conventions {
     pub(super) fn mixed(&self) -> bool {
         self.order.iter().enumerate().any(|(k, from)| k != *from)
     }
+
+    /// Whether set-points and rows go by clocks of different rates.
+    pub(super) fn skewed(&self) -> bool {
+        self.echo.iter().any(|e| e.skew != 1.0)
+    }
 }
 
 /// Sums of a straight-line fit.

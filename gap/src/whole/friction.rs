@@ -26,6 +26,8 @@ const NEAR: f64 = 0.65;
 /// Least gain over the nominal friction, as a logarithm of both costs together: robots with other causes or none show up to 0.03, one of
 /// them 0.083, with a friction of 0.75 or less, or 1.3 or more, 0.09 and more (emulated robots, sixteen of the one and eight of the other).
 const GAIN: f64 = 0.085;
+/// The same where the clock is skewed: a robot whose only cause that was showed 0.15.
+const GAIN_SKEWED: f64 = 2.0 * GAIN;
 /// Relative error of the friction found: the same eight differ from the truth by 0.09, root mean square.
 const ERROR: f64 = 0.09;
 /// Standard deviations, of tolerance and error together, by which it must be off.
@@ -79,10 +81,11 @@ struct Agreed {
     far: bool,
 }
 
-/// Weighs frictions by what the windows and the joints' `moments` leave, the latter under the loads of a body and its links.
+/// Weighs frictions by what the windows and the joints' `moments` leave, the latter under the loads of a body and its links; the clock may be `skewed`.
 fn agreed(
     found: &body::Found,
     model: &Model,
+    skewed: bool,
     moments: impl Fn((&Arc<Params>, &[LinkMap; JOINTS])) -> Vec<Moments>,
 ) -> Option<Agreed> {
     let cost = |step: i32| {
@@ -104,7 +107,7 @@ fn agreed(
     Some(Agreed {
         ratio,
         off,
-        far: gain > GAIN && off > DEVIATIONS,
+        far: gain > if skewed { GAIN_SKEWED } else { GAIN } && off > DEVIATIONS,
     })
 }
 
@@ -133,14 +136,14 @@ fn estimate(model: &Model, ratio: f64) -> Estimate {
 
 /// Puts the friction that motion and torques agree on in the place of the one found, or takes a ground friction out of `found` that they do
 /// not bear out. Returned are what they agree on, over the nominal friction, however near to it, and a friction that the motion alone did not show.
-// On a film (`rough`) replayed loads are too rough to better a value that the windows found.
+// On a film (`rough`) replayed loads are too rough to better a value that the windows found; where the clock is `skewed` they follow worse.
 pub(super) fn settle(
     found: &mut body::Found,
     model: &Model,
-    rough: bool,
+    [rough, skewed]: [bool; 2],
     moments: impl Fn((&Arc<Params>, &[LinkMap; JOINTS])) -> Vec<Moments>,
 ) -> (Option<f64>, Option<Reading>) {
-    let Some(a) = agreed(found, model, moments) else {
+    let Some(a) = agreed(found, model, skewed, moments) else {
         return (None, None);
     };
     let answer = &mut found.answer;
@@ -169,9 +172,10 @@ pub(super) fn settle(
 pub(super) fn again(
     found: &mut body::Found,
     model: &Model,
+    skewed: bool,
     moments: impl Fn((&Arc<Params>, &[LinkMap; JOINTS])) -> Vec<Moments>,
 ) -> Option<Estimate> {
-    let a = agreed(found, model, moments).filter(|a| a.far)?;
+    let a = agreed(found, model, skewed, moments).filter(|a| a.far)?;
     put(found, a.ratio);
     Some(estimate(model, a.ratio))
 }

@@ -180,8 +180,7 @@ impl Replay<'_> {
         // Jackknife: joints left out one at a time.
         let moved: Vec<f64> = parts.iter().map(|p| p - math::mean(&parts)).collect();
         let apart = math::rms(&moved) * (parts.len() as f64 - 1.0).sqrt();
-        let skewed = self.conventions.echo.iter().any(|e| e.skew != 1.0);
-        let own = if self.inertial() && !skewed && !self.mixed {
+        let own = if self.inertial() && !self.conventions.skewed() && !self.mixed {
             LOAD_ERROR
         } else {
             LOAD_ERROR_ROUGH
