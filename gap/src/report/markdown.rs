@@ -87,7 +87,7 @@ fn effects(s: &mut String, v: &Verdict) {
     let unit = &v.gap.unit;
     let _ = write!(
         s,
-        "\n## Which effect\n\n| effect | joint | parameters (95 %) | confidence | error with it alone [{unit}] | with all but it [{unit}] | kind |\n|---|---|---|---|---|---|---|\n"
+        "\n## Which effect\n\n| effect | joint | parameters (95 %) | share of the confidence | error with it alone [{unit}] | with all but it [{unit}] | kind |\n|---|---|---|---|---|---|---|\n"
     );
     for e in &v.effects {
         let p: Vec<String> = e
@@ -110,9 +110,10 @@ fn effects(s: &mut String, v: &Verdict) {
         );
     }
     let p = &v.probabilities;
+    let named: f64 = v.effects.iter().map(|e| e.confidence).sum();
     let _ = write!(
         s,
-        "\nProbability of no gap: {:.2}, of a cause outside the library: {:.2}.\n",
+        "\nProbability that what is named is the cause: {named:.2}, of no gap: {:.2}, of a cause outside the library: {:.2}.\n",
         p.none, p.unknown
     );
 }

@@ -107,7 +107,8 @@ fn line(s: &mut String, name: &str, value: &str) {
     }
 }
 
-fn card(s: &mut String, e: &EffectRow, unit: &str) {
+/// The card of effect `e`, one of `count`: confidences are shares of one, so that of many effects each has a small one however sure all are.
+fn card(s: &mut String, e: &EffectRow, unit: &str, count: usize) {
     let joint = e.joint.map_or(String::new(), |k| format!(", joint {k}"));
     let _ = write!(
         s,
@@ -125,7 +126,12 @@ fn card(s: &mut String, e: &EffectRow, unit: &str) {
         line(s, "but", "<b>no plausible size for such a part</b>");
     }
     let percent = format!("{:.0} %", 100.0 * e.confidence);
-    line(s, "confidence", &percent);
+    let name = if count > 1 {
+        "share of the confidence"
+    } else {
+        "confidence"
+    };
+    line(s, name, &percent);
     line(s, "kind", &e.kind);
     let error = |x: f64| format!("{} {unit}", number(x));
     line(s, "error with it alone", &error(e.gap_added_alone));
@@ -146,7 +152,16 @@ fn effects(s: &mut String, v: &Verdict) {
         s.push_str("<p>None.</p>");
     }
     for e in &v.effects {
-        card(s, e, &v.gap.unit);
+        card(s, e, &v.gap.unit, v.effects.len());
+    }
+    let named: f64 = v.effects.iter().map(|e| e.confidence).sum();
+    if !v.effects.is_empty() {
+        let these = if v.effects.len() > 1 {
+            "these are the causes"
+        } else {
+            "this is the cause"
+        };
+        let _ = write!(s, "<p>That {these}: <b>{:.0} %</b>.</p>", 100.0 * named);
     }
     let _ = write!(
         s,
