@@ -74,7 +74,8 @@ pub(super) fn coordinates(model: &Model, k: usize, applied: bool, ampere: bool) 
     set(J::Delay, coordinate(0.0, timing, 0.002, [-0.05, 3.0]));
     set(J::Skew, coordinate(1.0, 0.0, 2e-4, [0.5, 2.0]));
     set(J::Scale, coordinate(1.0, 0.0, 0.005, [-200.0, 200.0]));
-    set(J::Offset, coordinate(0.0, 0.0, 0.002, [-7.0, 7.0]));
+    // An encoder whose zero runs away makes the loop lag by that rate over its gain: 40 mrad/s look like 5 mrad.
+    set(J::Offset, coordinate(0.0, 0.0, 0.005, [-7.0, 7.0]));
     set(J::Quantum, coordinate(0.0, 0.0, 0.001, [0.0, 1.0]));
     set(J::DeadHard, coordinate(0.0, 0.0, 0.002, [0.0, 1.0]));
     set(J::DeadSoft, coordinate(0.0, 0.0, 0.001, [0.0, 1.0]));

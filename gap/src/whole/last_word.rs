@@ -10,12 +10,13 @@ use super::search::{Answer, Coordinate, Fit, Search};
 use super::servo::{J, JointRun};
 use crate::vocabulary::{Effect, Stage};
 
-/// The first effect whose interval holds the value at which it is none, by its place among those found, and the fit without it.
+/// The first effect whose interval holds the value at which it is none, or that is smaller than what is seen, by its place among those found, and the fit
+/// without it.
 pub(super) fn doubted(answer: &Answer, coordinates: &[Coordinate]) -> Option<(usize, Fit)> {
     let last = answer.last();
     let none = |i: &usize| {
         let off = (last.theta[*i] - coordinates[*i].neutral).abs();
-        off <= 1.96 * last.spread[*i]
+        off <= (1.96 * last.spread[*i]).max(coordinates[*i].step)
     };
     let doubted = |m: &usize| answer.candidates[*m].free.iter().all(none);
     let at = last.members.iter().position(doubted)?;
