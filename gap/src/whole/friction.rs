@@ -26,6 +26,8 @@ const NEAR: f64 = 0.65;
 /// Least gain over the nominal friction, as a logarithm of both costs together: robots with other causes or none show up to 0.03, one of
 /// them 0.083, with a friction of 0.75 or less, or 1.3 or more, 0.09 and more (emulated robots, sixteen of the one and eight of the other).
 const GAIN: f64 = 0.085;
+/// The same of a friction below the nominal one.
+const GAIN_LESS: f64 = 0.055;
 /// The same where the clock is skewed: a robot whose only cause that was showed 0.15.
 const GAIN_SKEWED: f64 = 2.0 * GAIN;
 /// Relative error of the friction found: the same eight differ from the truth by 0.09, root mean square.
@@ -40,13 +42,13 @@ pub(super) fn with(found: &body::Found, ratio: f64) -> Vec<f64> {
     theta
 }
 
-/// Where a parabola through the costs `at` is least, and by how much less than at nought.
-fn least_of(at: &[(f64, f64)]) -> Option<(f64, f64)> {
+/// Where a parabola through those of the costs `at` that lie `within` so much of the least is least, and by how much less than at nought.
+pub(super) fn least_of(at: &[(f64, f64)], within: f64) -> Option<(f64, f64)> {
     let best = at.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1))?;
     let near: Vec<(f64, f64)> = at
         .iter()
         .copied()
-        .filter(|p| (p.0 - best.0).abs() < NEAR)
+        .filter(|p| (p.0 - best.0).abs() < within)
         .collect();
     let (mut a, mut b) = ([0.0; 9], [0.0; 3]);
     for (x, y) in &near {
@@ -99,15 +101,20 @@ fn agreed(
         Some((x, libm::log(motion) + libm::log(torques)))
     };
     let at: Vec<(f64, f64)> = STEPS.map(cost).collect::<Option<_>>()?;
-    let (x, gain) = least_of(&at)?;
+    let (x, gain) = least_of(&at, NEAR)?;
     let ratio = libm::exp(x);
     let nominal = model.parameter(Key::Friction);
     let spread = libm::hypot(nominal.tolerance / nominal.value, ERROR * ratio);
     let off = (ratio - 1.0).abs() / spread;
+    let least = match (skewed, ratio < 1.0) {
+        (true, _) => GAIN_SKEWED,
+        (false, true) => GAIN_LESS,
+        (false, false) => GAIN,
+    };
     Some(Agreed {
         ratio,
         off,
-        far: gain > if skewed { GAIN_SKEWED } else { GAIN } && off > DEVIATIONS,
+        far: gain > least && off > DEVIATIONS,
     })
 }
 

@@ -7,7 +7,7 @@ use super::answer::REMAINDER;
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::joint_library::{TIMING_S, candidates, coordinates};
-use super::last_word::{doubted, limited, weakened};
+use super::last_word::{doubted, limited, unhurried, weakened};
 use super::loads::{JOINTLY, Moments};
 use super::nominal::{Nominal, nominal};
 use super::open::Law;
@@ -456,12 +456,13 @@ pub(super) fn moments(tier: &Tier, model: &Model, conventions: &Conventions) -> 
     tier.moments(&nominal, true)
 }
 
-/// Diagnoses one joint.
+/// Diagnoses one joint of a robot whose joints may be `mixed`: they stood in another order.
 pub(super) fn diagnose(
     mut tier: Tier,
     model: &Model,
     conventions: &Conventions,
     withhold: &[Effect],
+    mixed: bool,
 ) -> Found {
     let (coordinates, nominal) = start(&tier, model, conventions);
     let mut candidates = candidates(&tier, conventions);
@@ -489,7 +490,9 @@ pub(super) fn diagnose(
     if answer.last().members.is_empty() && !withhold.contains(&Effect::ThermalDerating) {
         answer = weakened(&search, base, nominal).unwrap_or(answer);
     }
-    if let Some((at, without)) = doubted(&answer, &coordinates) {
+    while let Some((at, without)) =
+        doubted(&answer, &coordinates, mixed).or_else(|| unhurried(&answer))
+    {
         answer.drop_member(at, without);
     }
     let answer = limited(answer, &tier);
@@ -513,27 +516,31 @@ pub(super) fn diagnose(
     }
 }
 
-/// The latency that the echo shows to a row, and the angle to a millisecond; `None` without one.
+/// The latency that the echo shows to a row, and the angle to a millisecond, with a delayed feedback beside it where the angle asks for one; `None` without
+/// one.
 fn late(search: &Search<'_, Tier>, base: &Fit, late_s: Option<[f64; 2]>) -> Option<Fit> {
+    // A clock that is slightly off delays too, on average; a short delay lies within the tolerance of set-points, where a clock fits as well.
+    const PLAINLY: f64 = 0.8;
     let [low, high] = late_s.filter(|l| l[1] > 0.0)?;
-    let c = search
-        .candidates
-        .iter()
-        .position(|c| c.effect == Effect::Latency)?;
+    let find = |effect| search.candidates.iter().position(|c| c.effect == effect);
+    let c = find(Effect::Latency)?;
     let mut theta = base.theta.clone();
     theta[J::Delay as usize] = 0.5 * (low + high);
     let fit = search.fit(&theta, &[c], 6);
-    // A clock that is slightly off delays too, on average; a short delay lies within the tolerance of set-points, where a clock fits as well.
-    const CLOCK: f64 = 0.8;
-    let clock = search
-        .candidates
-        .iter()
-        .position(|c| c.effect == Effect::ClockSkew);
-    let plainly = |c: usize| search.fit(&base.theta, &[c], 6).cost < CLOCK * fit.cost;
-    if clock.is_some_and(plainly) {
-        return None;
+    let alone = |c: usize, theta: &[f64]| search.fit(theta, &[c], 6).cost;
+    let clock = find(Effect::ClockSkew).map_or(f64::INFINITY, |c| alone(c, &base.theta));
+    if clock >= PLAINLY * fit.cost && agreed([low, high], &fit) {
+        return Some(fit);
     }
-    agreed([low, high], &fit).then_some(fit)
+    let feedback = find(Effect::FeedbackDelay)?;
+    theta[J::FeedbackDelay as usize] = 0.5 * (low + high);
+    let both = search.fit(&theta, &[c, feedback], 8);
+    theta.clone_from(&base.theta);
+    theta[J::FeedbackDelay as usize] = both.theta[J::FeedbackDelay as usize];
+    let without = search.fit(&theta, &[feedback], 6);
+    // The echo has shown that there is a delay: the angle need only not speak against it.
+    let needed = both.cost < PLAINLY * fit.cost.min(clock) && both.cost <= without.cost;
+    (needed && agreed([low, high], &both)).then_some(both)
 }
 
 /// Whether the angle shows a delay between those that the echo shows: an echo that is itself a row old shows one that the angle does not.

@@ -2,6 +2,7 @@
 
 use super::answer::REMAINDER;
 use super::clock::ONE_CLOCK;
+use super::intervals::REPLAYED;
 use super::joint_library::last_resort;
 use super::joints::{Found, Tier};
 use super::open::{self, Law};
@@ -11,15 +12,43 @@ use super::servo::{J, JointRun};
 use crate::vocabulary::{Effect, Stage};
 
 /// The first effect whose interval holds the value at which it is none, or that is smaller than what is seen, by its place among those found, and the fit
-/// without it.
-pub(super) fn doubted(answer: &Answer, coordinates: &[Coordinate]) -> Option<(usize, Fit)> {
+/// without it. Where the joints are `mixed`, a friction of several numbers has the error of replayed loads in each.
+pub(super) fn doubted(
+    answer: &Answer,
+    coordinates: &[Coordinate],
+    mixed: bool,
+) -> Option<(usize, Fit)> {
     let last = answer.last();
-    let none = |i: &usize| {
-        let off = (last.theta[*i] - coordinates[*i].neutral).abs();
-        off <= (1.96 * last.spread[*i]).max(coordinates[*i].step)
+    let doubted = |m: &usize| {
+        let own = &answer.candidates[*m];
+        let loads = mixed && own.effect.stage() == Stage::Drivetrain && own.free.len() > 1;
+        let error = if loads { REPLAYED } else { 0.0 };
+        own.free.iter().all(|i| {
+            let off = (last.theta[*i] - coordinates[*i].neutral).abs();
+            let spread = libm::hypot(last.spread[*i], error);
+            off <= (1.96 * spread).max(coordinates[*i].step)
+        })
     };
-    let doubted = |m: &usize| answer.candidates[*m].free.iter().all(none);
     let at = last.members.iter().position(doubted)?;
+    Some((at, answer.removed_alone[at].0.clone()))
+}
+
+/// Gain over its threshold below which a limit of speed beside one of torque is none: a motor at its torque's limit is slow as well, and two laws of the
+/// one differ (2.4 on an emulated robot whose speed nothing limited).
+const HURRIED: f64 = 3.0;
+
+/// A weak limit of speed beside a limit of torque, by its place among the effects found, and the fit without it.
+pub(super) fn unhurried(answer: &Answer) -> Option<(usize, Fit)> {
+    let members = &answer.last().members;
+    let effect = |m: &usize| answer.candidates[*m].effect;
+    let limit = |m: &usize| matches!(effect(m), Effect::TorqueLimit | Effect::CurrentLimit);
+    if !members.iter().any(limit) {
+        return None;
+    }
+    let weak = |(at, m): (usize, &usize)| {
+        effect(m) == Effect::VelocityLimit && answer.strengths[at] < HURRIED
+    };
+    let at = members.iter().enumerate().position(weak)?;
     Some((at, answer.removed_alone[at].0.clone()))
 }
 

@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 use super::least::{Block, blocks, cost, group_costs, solve, total};
 use super::optimum::Optimum;
-use super::terms::where_it_acts;
 pub(super) use super::terms::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Rival};
+use super::terms::{on_all, on_most, where_it_acts};
 use crate::vocabulary::Stage;
 
 /// Error of a fitted value as a share of its distance from the neutral one: two honest simulators of one law differ by this (time step,
@@ -15,8 +15,8 @@ use crate::vocabulary::Stage;
 const LAW: f64 = 0.02;
 /// What a rival that foretells unseen gaits better may leave of all gaits, over what the effect itself leaves: a wrong law gets one gait right.
 const NO_WORSE: f64 = 1.3;
-/// Gain over its threshold from which a gait may disagree about a play or spring where the cost is rough: a robot without one showed 1.7 on
-/// three gaits of four.
+/// Gain over its threshold from which a gait may disagree: about a play or spring where the cost is rough (a robot without one showed 1.7 on three
+/// gaits of four), and a little about any effect.
 const CLEAR: f64 = 2.0;
 /// Standard deviations within which a number may be none.
 const NONE: f64 = 1.96;
@@ -482,12 +482,6 @@ impl<E: Evaluate> Search<'_, E> {
     }
 
     fn believed(&self, base: &Fit, fit: &Fit, c: usize, least: f64) -> bool {
-        let wins = fit
-            .folds
-            .iter()
-            .zip(&base.folds)
-            .filter(|(a, b)| a < b)
-            .count();
         let significant = self.candidates[c].free.iter().any(|i| {
             let x = &self.coordinates[*i];
             let off = (fit.theta[*i] - x.neutral).abs();
@@ -498,8 +492,10 @@ impl<E: Evaluate> Search<'_, E> {
         let gain = self.told(base) - self.told(fit);
         // Where the cost is rough, some play or spring mends a window or two everywhere: a small gain must be one on every gait.
         let springy = self.limits.rough && self.candidates[c].effect.stage() == Stage::Transmission;
-        let agreed = wins == base.folds.len() || !springy || gain >= CLEAR * least;
-        let most = 2 * wins > base.folds.len() || where_it_acts(base, fit, self.limits.floor);
+        let clear = gain >= CLEAR * least;
+        let agreed = !springy || clear || on_all(base, fit);
+        let most = on_most(base, fit, clear.then_some(gain))
+            || where_it_acts(base, fit, self.limits.floor);
         gain >= least && most && agreed && significant
     }
 

@@ -65,6 +65,11 @@ impl Seen {
         self.direct.iter().any(|r| r.effect == effect)
     }
 
+    /// Whether joints stood in another order.
+    fn mixed(&self) -> bool {
+        self.moved || self.conventions.mixed()
+    }
+
     /// Whether the body holds an effect that `is` so.
     fn holds(&self, is: impl Fn(&Candidate) -> bool) -> bool {
         self.body.as_ref().is_some_and(|b| {
@@ -165,7 +170,9 @@ impl Task<'_> {
         let withhold = &self.settings.withhold;
         let mut found: Vec<Found> = tiers
             .into_par_iter()
-            .map(|tier| joints::diagnose(tier, self.model, &seen.conventions, withhold))
+            .map(|tier| {
+                joints::diagnose(tier, self.model, &seen.conventions, withhold, seen.mixed())
+            })
             .collect();
         last_word::drop_lone_clocks(&mut found);
         last_word::mark(&mut found, seen.body.is_some());
@@ -185,7 +192,7 @@ impl Task<'_> {
             fit_runs: &seen.split.fit,
             conventions: &seen.conventions,
             joints,
-            mixed: seen.moved || seen.conventions.mixed(),
+            mixed: seen.mixed(),
         };
         // A replay with a friction that was found is too rough for torques to show a mass besides.
         let spoils = |c: &Candidate| match c.effect {

@@ -157,6 +157,24 @@ pub(super) fn where_it_acts(base: &Fit, fit: &Fit, floor: f64) -> bool {
     mended.count() >= 2 && folds().all(|(a, b)| a < b || !above(*a))
 }
 
+/// Whether every fold gains.
+pub(super) fn on_all(base: &Fit, fit: &Fit) -> bool {
+    fit.folds.iter().zip(&base.folds).all(|(a, b)| a < b)
+}
+
+/// Whether most folds gain. Where the mean gain is a `clear` one and two folds show it, one that loses a fifth of it at most does not speak against it: it
+/// hardly moves what the effect changes.
+pub(super) fn on_most(base: &Fit, fit: &Fit, clear: Option<f64>) -> bool {
+    const SLIGHT: f64 = 0.2;
+    let within = |slight: f64| {
+        let folds = fit.folds.iter().zip(&base.folds);
+        folds.filter(|(a, b)| **a < **b + slight).count()
+    };
+    let most = |n: usize| 2 * n > base.folds.len();
+    let gained = within(0.0);
+    most(gained) || clear.is_some_and(|gain| gained >= 2 && most(within(SLIGHT * gain)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -214,6 +232,25 @@ mod tests {
                 acts,
                 "{what}"
             );
+        }
+    }
+
+    #[test]
+    fn most_gaits_gain_or_hardly_speak_against_a_clear_gain() {
+        const BEFORE: [f64; 4] = [3.0, 3.0, 3.0, 3.0];
+        for (what, after, clear, most) in [
+            ("three of four", [2.0, 2.0, 2.0, 5.0], None, true),
+            ("two of four", [1.0, 1.0, 3.1, 3.1], None, false),
+            ("two that are clear", [1.0, 1.0, 3.1, 3.1], Some(0.95), true),
+            (
+                "two, and two that lose",
+                [0.0, 0.0, 3.5, 3.5],
+                Some(1.25),
+                false,
+            ),
+            ("one alone", [0.0, 3.1, 3.1, 3.1], Some(0.7), false),
+        ] {
+            assert_eq!(on_most(&fit(&BEFORE), &fit(&after), clear), most, "{what}");
         }
     }
 

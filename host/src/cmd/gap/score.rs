@@ -140,10 +140,20 @@ impl Opened {
     }
 
     pub(super) fn floors(&self, key: &str) -> bool {
+        self.above(key, DETECTABLE)
+    }
+
+    fn above(&self, key: &str, least: f64) -> bool {
         let planted = list(&self.label["planted"]);
         let size = |p: &Value| p[key].as_f64().or_else(|| p["floors"].as_f64());
-        let enough = |p: &Value| size(p).unwrap_or(0.0) > DETECTABLE;
+        let enough = |p: &Value| size(p).unwrap_or(0.0) > least;
         !planted.is_empty() && planted.iter().all(enough)
+    }
+
+    /// Whether every planted cause adds two floors to the error that a diagnosis without it is left with: what is left adds to the floor by squares.
+    pub(super) fn adds(&self, key: &str) -> bool {
+        let least = ((1.0 + DETECTABLE).powi(2) - 1.0).sqrt();
+        self.above(key, least)
     }
 
     pub(super) fn top_right(&self) -> bool {

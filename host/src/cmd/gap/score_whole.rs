@@ -18,6 +18,20 @@ pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
     let one_all = pick(&|o| o.kind() == "single");
     let more = pick(&|o| matches!(o.kind(), "pair" | "triple") && any(o));
     let mut rows = singles(&one, &one_any, &one_all);
+    let adds = pick(&|o| o.kind() == "single" && o.adds("floors"));
+    let adds_any = pick(&|o| o.kind() == "single" && o.adds("floors_any"));
+    let names = [
+        "top-1, singles that add two floors in motion",
+        "exact set, singles that add two floors in motion",
+        "stage and joint, singles that add two floors in motion",
+    ];
+    rows.extend(adding(&adds, names));
+    let names = [
+        "top-1, singles that add two floors in any channel",
+        "exact set, singles that add two floors in any channel",
+        "stage and joint, singles that add two floors in any channel",
+    ];
+    rows.extend(adding(&adds_any, names));
     let names = [
         "precision, two or three causes",
         "recall, two or three causes",
@@ -94,6 +108,18 @@ pub(super) fn left_out(pairs: &[(Value, Value)]) -> Table {
         ],
         clear.iter().filter(wrong).map(|o| o.told()).collect(),
     )
+}
+
+/// The figures of singles whose cause adds two floors to the error of a diagnosis without it.
+fn adding(group: Group<'_>, names: [&'static str; 3]) -> Vec<Row> {
+    let place = |o: &Opened| o.stage_right() && o.joint_right();
+    let figures = [
+        share(group, Opened::top_right),
+        share(group, Opened::exact),
+        share(group, place),
+    ];
+    let told = |(name, value)| row(name, value, group.len(), "-");
+    names.into_iter().zip(figures).map(told).collect()
 }
 
 fn singles(one: Group<'_>, any: Group<'_>, all: Group<'_>) -> Vec<Row> {
