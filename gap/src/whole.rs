@@ -10,6 +10,7 @@ mod body;
 mod body_answer;
 mod body_library;
 mod body_rest;
+mod bounce;
 mod camera;
 mod clock;
 mod conventions;

@@ -456,7 +456,14 @@ impl Tier {
     }
 
     /// Errors of window `w` in units of their tolerances.
-    fn errors_of(&self, w: usize, o: &Outcome) -> Vec<f64> {
+    fn errors_of(&self, w: usize, o: &Outcome) -> [f64; NUMBERS] {
+        let mut errors = self.whitened_of(w, o);
+        temper(&mut errors);
+        errors
+    }
+
+    /// The same where outliers count as they are.
+    fn whitened_of(&self, w: usize, o: &Outcome) -> [f64; NUMBERS] {
         let mut errors = Vec::with_capacity(NUMBERS);
         for (i, t) in self.targets[w].iter().enumerate() {
             if let Some((p, q)) = simulated(o, i).filter(|_| o.not_finite.is_none()) {
@@ -464,14 +471,19 @@ impl Tier {
                 errors.extend(turn::between(t.pose.1, q));
             }
         }
-        if errors.len() == NUMBERS {
-            super::least::whiten(&self.factors[w], &mut errors);
-            temper(&mut errors);
-        } else {
-            // A simulation that broke down is as wrong as can be.
-            errors = vec![10.0; NUMBERS];
-        }
+        // A simulation that broke down is as wrong as can be.
+        let Ok(mut errors) = <[f64; NUMBERS]>::try_from(errors) else {
+            return [10.0; NUMBERS];
+        };
+        super::least::whiten(&self.factors[w], &mut errors);
         errors
+    }
+
+    /// Errors of every window in units of their tolerances.
+    pub(super) fn whitened(&self, theta: &[f64]) -> Vec<[f64; NUMBERS]> {
+        let outcomes = windows::run(&self.trials(theta), &windows::options(false));
+        let all = outcomes.iter().enumerate();
+        all.map(|(w, o)| self.whitened_of(w, o)).collect()
     }
 
     /// Errors of every `thin`-th window by group.
@@ -575,7 +587,7 @@ fn numbers(from: &Outcome, o: &Outcome) -> Option<Vec<f64>> {
 /// Mean square of a window's errors above which it counts by its logarithm alone: a body that rests on an edge falls to either side.
 const TEMPERED: f64 = 4.0;
 
-fn temper(errors: &mut [f64]) {
+pub(super) fn temper(errors: &mut [f64]) {
     let mean = errors.iter().map(|x| x * x).sum::<f64>() / errors.len() as f64;
     if mean > TEMPERED {
         let scale = (TEMPERED * (1.0 + libm::log(mean / TEMPERED)) / mean).sqrt();

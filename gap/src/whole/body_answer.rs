@@ -37,6 +37,25 @@ pub(super) struct Found {
     pub(super) rest: Rest,
 }
 
+impl Found {
+    /// Gives the body a `value` that was told beside the search, with its error.
+    pub(super) fn put(&mut self, b: B, value: f64, error: f64) {
+        let mut fit = self.answer.last().clone();
+        (fit.theta[b as usize], fit.spread[b as usize]) = (value, error);
+        let residuals = self.tier.residuals(&fit.theta);
+        fit.cost = super::least::cost(&residuals);
+        fit.groups = super::least::group_costs(&residuals);
+        self.answer.steps.push(fit);
+    }
+
+    /// Takes the last value that was put in back: it is not borne out.
+    pub(super) fn take_back(&mut self) {
+        if self.answer.steps.len() > 1 {
+            self.answer.steps.pop();
+        }
+    }
+}
+
 /// Cost below which no other order of joints and no other sign is tried: turned end cubes alone show 3.5; robots without a cause show up to
 /// 1.7 (emulated robots), so that few of them try in vain.
 const RIGHT: f64 = 1.6;

@@ -118,24 +118,6 @@ fn agreed(
     })
 }
 
-/// Gives the body a friction of `ratio` times the nominal one.
-fn put(found: &mut body::Found, ratio: f64) {
-    let mut fit = found.answer.last().clone();
-    let friction = B::Friction as usize;
-    (fit.theta[friction], fit.spread[friction]) = (ratio, ERROR * ratio);
-    let residuals = found.tier.residuals(&fit.theta);
-    fit.cost = least::cost(&residuals);
-    fit.groups = least::group_costs(&residuals);
-    found.answer.steps.push(fit);
-}
-
-/// Takes back a friction that was put in and is not borne out.
-pub(super) fn forget(found: &mut body::Found) {
-    if found.answer.steps.len() > 1 {
-        found.answer.steps.pop();
-    }
-}
-
 fn estimate(model: &Model, ratio: f64) -> Estimate {
     let value = model.value(Key::Friction) * ratio;
     exact(value, 1.96 * ERROR * value)
@@ -168,7 +150,7 @@ pub(super) fn settle(
     if !a.far || (own.is_none() && other.is_some()) || (own.is_some() && rough) {
         return (Some(a.ratio), None);
     }
-    put(found, a.ratio);
+    found.put(B::Friction, a.ratio, ERROR * a.ratio);
     let key = "coefficient";
     let estimate = estimate(model, a.ratio);
     let read = reading(Effect::GroundFriction, key, estimate, a.off * a.off);
@@ -183,6 +165,6 @@ pub(super) fn again(
     moments: impl Fn((&Arc<Params>, &[LinkMap; JOINTS])) -> Vec<Moments>,
 ) -> Option<Estimate> {
     let a = agreed(found, model, skewed, moments).filter(|a| a.far)?;
-    put(found, a.ratio);
+    found.put(B::Friction, a.ratio, ERROR * a.ratio);
     Some(estimate(model, a.ratio))
 }

@@ -197,7 +197,89 @@ pub(super) fn mark(found: &mut [Found], replayed: bool) {
 
 #[cfg(test)]
 mod tests {
-    use super::{Law, outside};
+    use super::super::search::Candidate;
+    use super::super::terms::samples::{fit, found};
+    use super::{Answer, Coordinate, Effect, Law, doubted, outside, unhurried};
+
+    /// An answer with these effects: number of their coordinates, what each is, and the gain over its threshold.
+    fn answer(effects: &[(Effect, &[f64], f64)]) -> (Answer, Vec<Coordinate>) {
+        let mut candidates = Vec::new();
+        let mut theta = Vec::new();
+        for (effect, values, _) in effects {
+            candidates.push(Candidate {
+                effect: *effect,
+                joint: Some(0),
+                free: (theta.len()..theta.len() + values.len()).collect(),
+                starts: Vec::new(),
+            });
+            theta.extend(*values);
+        }
+        let coordinates = vec![
+            Coordinate {
+                neutral: 0.0,
+                sigma: 0.0,
+                step: 0.01,
+                range: [-10.0, 10.0],
+            };
+            theta.len()
+        ];
+        let mut last = fit(&[]);
+        last.members = (0..effects.len()).collect();
+        last.spread = vec![0.05; theta.len()];
+        last.theta = theta;
+        let strengths = effects.iter().map(|e| e.2).collect();
+        (found(candidates, last, strengths), coordinates)
+    }
+
+    #[test]
+    fn an_effect_whose_interval_holds_none_is_doubted() {
+        const DRY: Effect = Effect::CoulombFriction;
+        const SLANT: Effect = Effect::AsymmetricFriction;
+        for (what, values, mixed, is) in [
+            ("far from none", &[0.3][..], false, None),
+            ("within its error", &[0.09], false, Some(0)),
+            ("two numbers, one far from none", &[0.2, 0.0], false, None),
+            (
+                "the same where joints are mixed",
+                &[0.2, 0.0],
+                true,
+                Some(0),
+            ),
+            ("large where joints are mixed", &[0.3, 0.0], true, None),
+            ("one number where joints are mixed", &[0.2], true, None),
+        ] {
+            let effect = if values.len() > 1 { SLANT } else { DRY };
+            let (answer, coordinates) = answer(&[(effect, values, 1.0)]);
+            let at = doubted(&answer, &coordinates, mixed).map(|d| d.0);
+            assert_eq!(at, is, "{what}");
+        }
+    }
+
+    #[test]
+    fn a_weak_limit_of_speed_beside_one_of_torque_is_none() {
+        const SPEED: Effect = Effect::VelocityLimit;
+        const TORQUE: Effect = Effect::TorqueLimit;
+        for (what, effects, is) in [
+            (
+                "weak, beside",
+                &[(TORQUE, &[1.0][..], 9.0), (SPEED, &[1.0], 2.4)][..],
+                Some(1),
+            ),
+            (
+                "strong, beside",
+                &[(TORQUE, &[1.0], 9.0), (SPEED, &[1.0], 4.0)],
+                None,
+            ),
+            ("weak, alone", &[(SPEED, &[1.0], 1.2)], None),
+            (
+                "a current's",
+                &[(SPEED, &[1.0], 1.2), (Effect::CurrentLimit, &[1.0], 1.0)],
+                Some(0),
+            ),
+        ] {
+            assert_eq!(unhurried(&answer(effects).0).map(|u| u.0), is, "{what}");
+        }
+    }
 
     #[test]
     fn a_law_outside_the_library_is_one_joints_and_larger_than_the_error_of_the_loads() {

@@ -16,7 +16,9 @@ use super::score::Score;
 use super::search::Candidate;
 use super::servo::Load;
 use super::windows::{self, LinkMap, Window};
-use super::{Settings, Split, WholeError, body, camera, direct, film, friction, last_word, split};
+use super::{
+    Settings, Split, WholeError, body, bounce, camera, direct, film, friction, last_word, split,
+};
 use crate::vocabulary::{Effect, Stage};
 
 /// Share of a mass's effect on the loads that must stay on the friction that fits best: 0.3 for a mass of 1.4 whose friction nothing tells,
@@ -142,7 +144,9 @@ impl Task<'_> {
                         .collect()
                 });
                 agreed = ratio;
-                seen.direct.extend(read);
+                let alone = read.is_none() && coarse == [false; 2];
+                let bounce = alone.then(|| bounce::settle(&mut body, &seen.data));
+                seen.direct.extend(read.into_iter().chain(bounce.flatten()));
             }
             seen.body = Some(body);
         }
@@ -226,7 +230,7 @@ impl Task<'_> {
                 // It was the joints' own friction.
                 (Some(at), None) => {
                     seen.direct.remove(at);
-                    friction::forget(b);
+                    b.take_back();
                     slips = false;
                 }
                 (None, _) => {}

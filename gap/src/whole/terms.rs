@@ -175,11 +175,12 @@ pub(super) fn on_most(base: &Fit, fit: &Fit, clear: Option<f64>) -> bool {
     most(gained) || clear.is_some_and(|gain| gained >= 2 && most(within(SLIGHT * gain)))
 }
 
+/// Fits and answers for tests.
 #[cfg(test)]
-mod tests {
-    use super::*;
+pub(super) mod samples {
+    use super::{Answer, Candidate, Fit, Limits};
 
-    fn fit(folds: &[f64]) -> Fit {
+    pub(in crate::whole) fn fit(folds: &[f64]) -> Fit {
         Fit {
             theta: Vec::new(),
             members: Vec::new(),
@@ -191,6 +192,47 @@ mod tests {
             spread: Vec::new(),
         }
     }
+
+    /// An answer whose last step is `last`; without each of its members it is the same.
+    pub(in crate::whole) fn found(
+        candidates: Vec<Candidate>,
+        last: Fit,
+        strengths: Vec<f64>,
+    ) -> Answer {
+        Answer {
+            candidates,
+            rivals: vec![Vec::new(); strengths.len()],
+            removed_alone: vec![(last.clone(), last.clone()); strengths.len()],
+            strengths,
+            nearest: 0.0,
+            pull: 0.0,
+            limits: LIMITS,
+            nominal: vec![1.0; last.theta.len()],
+            nominal_groups: Vec::new(),
+            steps: vec![last],
+        }
+    }
+
+    const LIMITS: Limits = Limits {
+        share: 0.1,
+        least: 0.1,
+        relative: 0.1,
+        of_first: 0.1,
+        floor: 1.0,
+        independent: 10.0,
+        most: 4,
+        beyond: 3.0,
+        refined: 1,
+        iterations: 1,
+        remainder: 6.0,
+        rough: false,
+    };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::samples::{fit, found};
+    use super::*;
 
     #[test]
     fn an_effect_acts_where_it_mends_two_gaits_and_spoils_none() {
@@ -275,22 +317,13 @@ mod tests {
             members: members.to_vec(),
             ..fit(&[])
         };
-        let mut answer = Answer {
-            candidates: effects.iter().enumerate().map(candidate).collect(),
-            steps: vec![with(&[]), with(&[0, 1, 2])],
-            rivals: vec![Vec::new(); 3],
-            removed_alone: vec![
-                (with(&[1, 2]), with(&[0])),
-                (with(&[0, 2]), with(&[1])),
-                (with(&[0, 1]), with(&[2])),
-            ],
-            strengths: vec![1.0; 3],
-            nearest: 0.0,
-            pull: 0.0,
-            limits: LIMITS,
-            nominal: vec![1.0; 3],
-            nominal_groups: Vec::new(),
-        };
+        let candidates = effects.iter().enumerate().map(candidate).collect();
+        let mut answer = found(candidates, with(&[0, 1, 2]), vec![1.0; 3]);
+        answer.removed_alone = vec![
+            (with(&[1, 2]), with(&[0])),
+            (with(&[0, 2]), with(&[1])),
+            (with(&[0, 1]), with(&[2])),
+        ];
         for (at, left) in [(1, &[0, 2][..]), (0, &[2]), (0, &[])] {
             let without = answer.removed_alone[at].0.clone();
             answer.drop_member(at, without);
@@ -298,19 +331,4 @@ mod tests {
             assert_eq!(answer.removed_alone.len(), left.len());
         }
     }
-
-    const LIMITS: Limits = Limits {
-        share: 0.1,
-        least: 0.1,
-        relative: 0.1,
-        of_first: 0.1,
-        floor: 1.0,
-        independent: 10.0,
-        most: 4,
-        beyond: 3.0,
-        refined: 1,
-        iterations: 1,
-        remainder: 6.0,
-        rough: false,
-    };
 }

@@ -493,3 +493,30 @@ pub(super) fn calibration(all: Group<'_>) -> Option<f64> {
         .sum();
     (!all.is_empty()).then(|| off / all.len() as f64)
 }
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::Opened;
+
+    #[test]
+    fn a_cause_adds_two_floors_from_root_eight_floors_on() {
+        for (floors, detectable, adds) in [
+            (&[1.9][..], false, false),
+            (&[2.1], true, false),
+            (&[2.82], true, false),
+            (&[2.83], true, true),
+            (&[9.0, 2.5], true, false),
+            (&[9.0, 3.0], true, true),
+            (&[], false, false),
+        ] {
+            let planted: Vec<_> = (floors.iter())
+                .map(|f| json!({ "effect": "mass", "floors": f }))
+                .collect();
+            let case = Opened::new(&(json!({ "planted": planted }), json!({})));
+            assert_eq!(case.floors("floors"), detectable, "{floors:?}");
+            assert_eq!(case.adds("floors"), adds, "{floors:?}");
+        }
+    }
+}
