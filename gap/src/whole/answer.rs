@@ -119,6 +119,13 @@ fn with_and_without(d: &Parts, place: found::Place, alone: &mut State, removed: 
                 removed.body.clone_from(&r.theta);
             }
         }
+        found::Place::Told(b) => {
+            if let Some(body) = &d.body {
+                let (answer, b) = (&body.answer, b as usize);
+                alone.body[b] = answer.last().theta[b];
+                removed.body[b] = answer.nominal[b];
+            }
+        }
         found::Place::Camera(m) => {
             if let Some(c) = &d.camera {
                 let (r, a) = &c.answer.removed_alone[m];

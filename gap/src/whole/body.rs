@@ -236,7 +236,7 @@ impl Tier {
             let mut trials = self.trials(theta);
             for (t, w) in trials.iter_mut().zip(&self.windows) {
                 let base = data.runs[w.run].base.as_ref();
-                disturb(t, d, base.is_some_and(|b| b.reckoned.is_some()));
+                windows::disturb(t, d, base.is_some_and(|b| b.reckoned.is_some()));
             }
             others.push(windows::run(&trials, &plain));
         }
@@ -383,6 +383,12 @@ impl Tier {
     /// Whether the tolerances are those of an inertial sensor on contacts that the simulator knows.
     pub(super) fn exact(&self) -> bool {
         self.floor == FLOOR
+    }
+
+    /// Whether all joints read in the order and the sense that they should.
+    pub(super) fn as_told(&self) -> bool {
+        let right = std::array::from_fn(|k| k);
+        self.order == right && self.maps == [LinkMap::default(); JOINTS]
     }
 
     /// Number of windows compared.
@@ -550,27 +556,6 @@ fn tilted(roll_rad: f64, pitch_rad: f64) -> [f64; 3] {
     let (sp, cp) = libm::sincos(pitch_rad);
     let g = physics::GRAVITY_M_S2;
     [g * sp, -g * cp * sr, -g * cp * cr]
-}
-
-/// Errors of a start, one standard deviation. With the inertial sensor: residues of its lines through the tracked samples; angular
-/// velocity as noisy as the gyro of a phone. Without: a robot that shakes turns otherwise than a parabola through 0.3 s.
-fn disturb(trial: &mut Trial, which: usize, inertial: bool) {
-    let (m, rad) = (4e-4, if inertial { 2e-3 } else { 4e-3 });
-    let (m_s, rad_s) = if inertial { (6e-3, 0.02) } else { (1e-2, 0.1) };
-    if let physics::Start::State { base, twist, .. } = &mut trial.start {
-        let k = which % 3;
-        match which / 3 {
-            0 => base.position_m[k] += m,
-            1 => {
-                let mut step = [0.0; 3];
-                step[k] = rad;
-                let q = base.quaternion.map(f64::from);
-                base.quaternion = turn::times(turn::exp(step), q).map(|x| x as f32);
-            }
-            2 => twist.linear_m_s[k] += m_s,
-            _ => twist.angular_rad_s[k] += rad_s,
-        }
-    }
 }
 
 /// Poses of `o` less those of `from` at the instants compared.

@@ -38,20 +38,31 @@ pub(super) struct Found {
 }
 
 impl Found {
-    /// Gives the body a `value` that was told beside the search, with its error.
+    /// Gives the body a `value` that was told beside the search, with its error: what was found has it too when one effect of it goes.
     pub(super) fn put(&mut self, b: B, value: f64, error: f64) {
+        let b = b as usize;
         let mut fit = self.answer.last().clone();
-        (fit.theta[b as usize], fit.spread[b as usize]) = (value, error);
+        (fit.theta[b], fit.spread[b]) = (value, error);
         let residuals = self.tier.residuals(&fit.theta);
         fit.cost = super::least::cost(&residuals);
         fit.groups = super::least::group_costs(&residuals);
         self.answer.steps.push(fit);
+        self.keep(b);
     }
 
     /// Takes the last value that was put in back: it is not borne out.
-    pub(super) fn take_back(&mut self) {
+    pub(super) fn take_back(&mut self, b: B) {
         if self.answer.steps.len() > 1 {
             self.answer.steps.pop();
+        }
+        self.keep(b as usize);
+    }
+
+    /// Coordinate `b` of the last step, in the fits without one effect of it.
+    fn keep(&mut self, b: usize) {
+        let value = self.answer.last().theta[b];
+        for (without, _) in &mut self.answer.removed_alone {
+            without.theta[b] = value;
         }
     }
 }

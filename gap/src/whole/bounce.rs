@@ -146,13 +146,15 @@ fn told(shown: &[Shown; 3], nominal: f64) -> Option<f64> {
     other.then_some(truth.clamp(0.0, 1.0))
 }
 
-/// Whether a restitution may be read off: beside another effect of the body, or a connection that gives, a blow tells of that.
+/// Whether a restitution may be read off: beside another effect of the body, a connection that gives, or joints that only the body shows to be turned round
+/// (one robot showed 0.66), a blow tells of that.
 fn free(found: &body::Found) -> bool {
     let members = &found.answer.last().members;
-    members.iter().all(|m| {
-        let effect = found.answer.candidates[*m].effect;
-        effect == Effect::GroundSlope || effect.stage() == Stage::Conventions
-    })
+    found.tier.as_told()
+        && members.iter().all(|m| {
+            let effect = found.answer.candidates[*m].effect;
+            effect == Effect::GroundSlope || effect.stage() == Stage::Conventions
+        })
 }
 
 /// Puts the restitution that the windows show in the place of the nominal one; returns it.

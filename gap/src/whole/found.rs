@@ -30,6 +30,8 @@ pub(super) enum Place {
     Convention,
     /// Read off the signals without a simulation.
     Direct,
+    /// A number of the body, told beside its search.
+    Told(B),
 }
 
 /// A rival.
@@ -346,6 +348,15 @@ pub(super) fn nameless(d: &Parts) -> Vec<Item> {
     out
 }
 
+/// Where a reading of `effect` lives.
+fn told(d: &Parts, effect: Effect) -> Place {
+    match effect {
+        Effect::GroundFriction if d.body.is_some() => Place::Told(B::Friction),
+        Effect::Restitution if d.body.is_some() => Place::Told(B::Bounce),
+        _ => Place::Direct,
+    }
+}
+
 fn all(d: &Parts) -> Vec<Item> {
     let mut out = conventions(d);
     out.extend(d.direct.iter().map(|r| Item {
@@ -355,7 +366,7 @@ fn all(d: &Parts) -> Vec<Item> {
         gain: r.gain,
         strength: r.strength(),
         rivals: twin(d, r.effect).into_iter().collect(),
-        place: Place::Direct,
+        place: told(d, r.effect),
         plausible: true,
     }));
     for (at, f) in d.joints.iter().enumerate() {

@@ -6,11 +6,12 @@ use super::terms::{Answer, Candidate, Coordinate, Evaluate, Limits};
 use crate::math::Rng;
 use crate::vocabulary::Effect;
 
-/// Coordinates: a nominal number, and two that are none.
+/// Coordinates: a nominal number, two that are none, and one that acts as both of these together.
 const NOMINAL: usize = 0;
 const FIRST: usize = 1;
 const SECOND: usize = 2;
-const COUNT: usize = 3;
+const BOTH: usize = 3;
+const COUNT: usize = 4;
 /// Gaits, and samples of each.
 const GAITS: usize = 4;
 const SAMPLES: usize = 200;
@@ -22,10 +23,13 @@ struct Line {
 
 impl Line {
     /// Measured with the numbers `truth` and noise of one tolerance.
-    fn new(truth: [f64; COUNT], seed: u64) -> Self {
+    fn new([nominal, first, second]: [f64; 3], seed: u64) -> Self {
+        let truth = [nominal, first, second, 0.0];
         let mut rng = Rng::new(seed);
         let mut one = |_| {
-            let weights: [f64; COUNT] = std::array::from_fn(|_| 4.0 * rng.normal());
+            let mut weights: [f64; COUNT] =
+                std::array::from_fn(|i| if i == BOTH { 0.0 } else { 4.0 * rng.normal() });
+            weights[BOTH] = weights[FIRST] + weights[SECOND];
             let exact: f64 = weights.iter().zip(truth).map(|(w, x)| w * x).sum();
             (weights, exact + rng.normal())
         };
@@ -53,7 +57,7 @@ fn coordinates() -> Vec<Coordinate> {
         step: 0.01,
         range: [-50.0, 50.0],
     };
-    vec![of(1.0, 0.1), of(0.0, 0.0), of(0.0, 0.0)]
+    vec![of(1.0, 0.1), of(0.0, 0.0), of(0.0, 0.0), of(0.0, 0.0)]
 }
 
 fn candidate(effect: Effect, free: &[usize], starts: &[&[f64]]) -> Candidate {
@@ -65,11 +69,14 @@ fn candidate(effect: Effect, free: &[usize], starts: &[&[f64]]) -> Candidate {
     }
 }
 
-fn answer(line: &Line, candidates: &[Candidate]) -> Answer {
-    let coordinates = coordinates();
-    let search = Search {
+fn search<'a>(
+    line: &'a Line,
+    coordinates: &'a [Coordinate],
+    candidates: &'a [Candidate],
+) -> Search<'a, Line> {
+    Search {
         model: line,
-        coordinates: &coordinates,
+        coordinates,
         candidates,
         limits: Limits {
             share: 0.12,
@@ -85,7 +92,12 @@ fn answer(line: &Line, candidates: &[Candidate]) -> Answer {
             remainder: REMAINDER,
             rough: false,
         },
-    };
+    }
+}
+
+fn answer(line: &Line, candidates: &[Candidate]) -> Answer {
+    let coordinates = coordinates();
+    let search = search(line, &coordinates, candidates);
     let nominal: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
     search.answer(search.fit(&nominal, &[], 4), nominal)
 }
@@ -150,5 +162,25 @@ fn effects_are_found_together_and_nothing_where_nothing_is() {
     for seed in 0..20 {
         let found = answer(&Line::new([1.05, 0.0, 0.0], seed), &both);
         assert!(found.last().members.is_empty() && found.nearest < 0.5);
+    }
+}
+
+#[test]
+fn two_torques_that_are_one_become_it() {
+    let frictions = [
+        candidate(Effect::ViscousFriction, &[FIRST], &[&[0.3]]),
+        candidate(Effect::QuadraticFriction, &[SECOND], &[&[0.3]]),
+        candidate(Effect::CoulombFriction, &[BOTH], &[&[0.3]]),
+    ];
+    let coordinates = coordinates();
+    let nominal: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
+    for (second, kept, one) in [(0.8, &[][..], true), (0.3, &[], false), (0.8, &[0], false)] {
+        let line = Line::new([1.0, 0.8, second], 6);
+        let search = search(&line, &coordinates, &frictions);
+        let merged = search.merged(&search.fit(&nominal, &[0, 1], 4), kept);
+        assert_eq!(merged.is_some(), one, "{second} {kept:?}");
+        assert!(
+            merged.is_none_or(|fit| fit.members == [2] && (fit.theta[BOTH] - 0.8).abs() < 0.03)
+        );
     }
 }

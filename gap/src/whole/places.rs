@@ -126,7 +126,7 @@ fn costs(d: &Parts, items: &[Item]) -> BTreeMap<Key, Vec<f64>> {
     for c in found::nameless(d) {
         add((Some(c.effect.stage()), c.joint), &vec![ODD; groups]);
     }
-    let told = |i: &&Item| matches!(i.place, Place::Convention | Place::Direct);
+    let told = |i: &&Item| i.outside() || matches!(i.place, Place::Told(_));
     for c in items.iter().filter(told) {
         add((Some(c.effect.stage()), c.joint), &vec![c.gain; groups]);
     }

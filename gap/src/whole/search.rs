@@ -318,6 +318,9 @@ impl<E: Evaluate> Search<'_, E> {
         while let Some(next) = self.backward(&steps[steps.len() - 1], &kept) {
             steps.push(next);
         }
+        while let Some(next) = self.merged(&steps[steps.len() - 1], &kept) {
+            steps.push(next);
+        }
         (steps, nearest)
     }
 
@@ -515,6 +518,40 @@ impl<E: Evaluate> Search<'_, E> {
             }
         }
         best
+    }
+
+    /// The fit with a single torque in the place of two of a joint, where they are missed less than the threshold: a friction that falls with the speed
+    /// and one that grows with it are a dry one.
+    pub(super) fn merged(&self, full: &Fit, kept: &[usize]) -> Option<Fit> {
+        let lost = |c: &usize| {
+            let own = &self.candidates[*c];
+            own.effect.stage() == Stage::Drivetrain && own.joint.is_some()
+        };
+        let open = full.members.iter().copied();
+        let pair: Vec<usize> = open.filter(|m| lost(m) && !kept.contains(m)).collect();
+        let [a, b] = *pair.as_slice() else {
+            return None;
+        };
+        let single = |c: &usize| lost(c) && self.candidates[*c].free.len() == 1;
+        let both = self.without(&self.without(full, a), b);
+        let one = |c: usize| {
+            let start = |s: &Vec<f64>| {
+                let mut theta = both.theta.clone();
+                theta[self.candidates[c].free[0]] = s[0];
+                self.fit(
+                    &theta,
+                    &[&both.members[..], &[c]].concat(),
+                    self.limits.iterations,
+                )
+            };
+            let fits = self.candidates[c].starts.iter().map(start);
+            fits.min_by(|a, b| self.told(a).total_cmp(&self.told(b)))
+        };
+        let all = (0..self.candidates.len()).filter(single).filter_map(one);
+        let best = all.min_by(|a, b| self.told(a).total_cmp(&self.told(b)))?;
+        let missed = self.told(&best) - self.told(full) >= self.threshold(&best);
+        // With fewer numbers it must only leave no more.
+        (best.cost <= full.cost || !missed).then_some(best)
     }
 
     /// The fit with one member taken out and the rest fitted again.

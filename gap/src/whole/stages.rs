@@ -230,7 +230,7 @@ impl Task<'_> {
                 // It was the joints' own friction.
                 (Some(at), None) => {
                     seen.direct.remove(at);
-                    b.take_back();
+                    b.take_back(body::B::Friction);
                     slips = false;
                 }
                 (None, _) => {}

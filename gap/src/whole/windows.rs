@@ -188,6 +188,27 @@ impl Window {
     }
 }
 
+/// Errors of a start, one standard deviation. With the inertial sensor: residues of its lines through the tracked samples; angular
+/// velocity as noisy as the gyro of a phone. Without: a robot that shakes turns otherwise than a parabola through 0.3 s.
+pub(super) fn disturb(trial: &mut Trial, which: usize, inertial: bool) {
+    let (m, rad) = (4e-4, if inertial { 2e-3 } else { 4e-3 });
+    let (m_s, rad_s) = if inertial { (6e-3, 0.02) } else { (1e-2, 0.1) };
+    if let Start::State { base, twist, .. } = &mut trial.start {
+        let k = which % 3;
+        match which / 3 {
+            0 => base.position_m[k] += m,
+            1 => {
+                let mut step = [0.0; 3];
+                step[k] = rad;
+                let q = base.quaternion.map(f64::from);
+                base.quaternion = turn::times(turn::exp(step), q).map(|x| x as f32);
+            }
+            2 => twist.linear_m_s[k] += m_s,
+            _ => twist.angular_rad_s[k] += rad_s,
+        }
+    }
+}
+
 /// Numerical settings of the windows.
 pub(super) fn options(motors: bool) -> Options {
     Options {
