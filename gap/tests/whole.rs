@@ -232,6 +232,30 @@ fn a_lighter_robot_is_told_beside_a_centre_of_mass_elsewhere() {
     assert!(low < 0.7 && 0.7 < high, "{low} {high}");
 }
 
+#[test]
+fn a_slippery_ground_is_told_beside_a_centre_of_mass_elsewhere_and_each_comes_and_goes_alone() {
+    let nominal = Model::hand_tuned().value(Key::Friction);
+    let reality = Reality::with(|m| {
+        m.set(Key::Friction, 0.3 * nominal).expect("in range");
+        m.set_effect(E::ComOffset, None, &[0.0, 0.03, 0.0])
+            .expect("in range");
+    });
+    let v = verdict(&Plan::default(), &reality);
+    let mut named: Vec<&str> = v.effects.iter().map(|e| e.effect.name()).collect();
+    named.sort_unstable();
+    assert_eq!(named, ["com_offset", "ground_friction"], "{:?}", v.effects);
+    let g = &v.gap;
+    assert_eq!(g.metric, "pose_rmse_m");
+    for e in &v.effects {
+        let name = e.effect.name();
+        assert!(e.gap_removed_from_full > g.after, "{name}: {e:?} {g:?}");
+        assert!(
+            e.gap_added_alone < g.after_calibration,
+            "{name}: {e:?} {g:?}"
+        );
+    }
+}
+
 /// Joints 0 to 5 stand in these columns, with their set-points: only the body tells.
 #[test]
 fn six_joints_in_a_ring_are_put_in_order() {
