@@ -14,6 +14,7 @@ mod bounce;
 mod camera;
 mod clock;
 mod conventions;
+mod course;
 pub mod data;
 mod direct;
 mod drive;

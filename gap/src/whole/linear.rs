@@ -184,3 +184,20 @@ fn two_torques_that_are_one_become_it() {
         );
     }
 }
+
+#[test]
+fn beside_a_straight_line_a_small_effect_is_named_beside_a_law_it_may_be_how_two_simulators_differ()
+{
+    let line = Line::new([1.0, 20.0, 0.4], 7);
+    for (large, both) in [(Effect::JointScale, true), (Effect::MotorLag, false)] {
+        let found = answer(
+            &line,
+            &[
+                candidate(large, &[FIRST], &[&[15.0]]),
+                candidate(Effect::QuadraticFriction, &[SECOND], &[&[0.3]]),
+            ],
+        );
+        let small = named(&found).contains(&Effect::QuadraticFriction);
+        assert_eq!(small, both, "{large:?}: {:?}", named(&found));
+    }
+}

@@ -32,7 +32,7 @@ pub(super) enum Given {
 
 impl Given {
     /// Members that other evidence has shown.
-    fn shown(&self) -> Vec<usize> {
+    pub(super) fn shown(&self) -> Vec<usize> {
         match self {
             Self::Shown(fit) => fit.members.clone(),
             Self::Nothing | Self::Hint(_) => Vec::new(),
@@ -284,49 +284,17 @@ impl<E: Evaluate> Search<'_, E> {
     }
 
     /// Least gain of the held-out cost for an effect to be believed.
-    fn threshold(&self, base: &Fit) -> f64 {
+    pub(super) fn threshold(&self, base: &Fit) -> f64 {
         let above = (base.held_out - self.limits.floor).max(0.0);
         (self.limits.share * above)
             .max(self.limits.least)
             .max(self.limits.relative * base.held_out)
     }
 
-    /// Forward selection, then backward pruning of all but the members of `sure`; the steps, and the gain of the best candidate that
-    /// was not taken, over its threshold.
-    fn run(&self, base: Fit, given: Given) -> (Vec<Fit>, f64) {
-        let kept = given.shown();
-        let mut steps = vec![base];
-        let mut hint = None;
-        match given {
-            Given::Nothing => {}
-            Given::Shown(fit) => steps.push(fit),
-            Given::Hint(fit) => hint = Some(fit),
-        }
-        let mut nearest;
-        loop {
-            let next;
-            let base = &steps[steps.len() - 1];
-            (next, nearest) = self.forward(base, steps[0].held_out, hint.take().as_ref());
-            let Some(next) = next else { break };
-            // Everything settles before a further effect is looked at.
-            let settled = self.fit(&next.theta, &next.members, 2 * self.limits.iterations);
-            steps.push(settled);
-            if steps.len() > self.limits.most {
-                break;
-            }
-        }
-        while let Some(next) = self.backward(&steps[steps.len() - 1], &kept) {
-            steps.push(next);
-        }
-        while let Some(next) = self.merged(&steps[steps.len() - 1], &kept) {
-            steps.push(next);
-        }
-        (steps, nearest)
-    }
-
     /// The first effect that is believed beside `base`, if any, and the gain over its threshold of the best that is not.
     pub(super) fn first(&self, base: &Fit) -> (Option<Fit>, f64) {
-        self.forward(base, base.held_out, None)
+        let (believed, nearest) = self.forward(base, base.held_out, None);
+        (believed.into_iter().next(), nearest)
     }
 
     /// Selection, rivals, and every effect alone and removed.
@@ -432,8 +400,8 @@ impl<E: Evaluate> Search<'_, E> {
         more <= 1.0 && fit.cost < part * other.cost
     }
 
-    /// The next effect, if one is believed; and the gain over its threshold of the best that is not.
-    fn forward(&self, base: &Fit, first: f64, hint: Option<&Fit>) -> (Option<Fit>, f64) {
+    /// The next effects that are believed, the best one first; and the gain over its threshold of the best that is not.
+    pub(super) fn forward(&self, base: &Fit, first: f64, hint: Option<&Fit>) -> (Vec<Fit>, f64) {
         let taken = |c: usize| {
             base.members.iter().any(|m| {
                 let (a, b) = (&self.candidates[*m], &self.candidates[c]);
@@ -447,7 +415,7 @@ impl<E: Evaluate> Search<'_, E> {
             .threshold(base)
             .max(self.limits.of_first * first * f64::from(u8::from(!base.members.is_empty())));
         let mut seen = Vec::new();
-        let mut best: Option<Fit> = None;
+        let mut believed: Vec<Fit> = Vec::new();
         let mut nearest = 0.0f64;
         let (screened, from) = self.screen(base, &open);
         let hinted = hint.and_then(|h| Some((*h.members.first()?, h.theta.clone(), 0.0)));
@@ -470,17 +438,18 @@ impl<E: Evaluate> Search<'_, E> {
             let mut members = base.members.clone();
             members.push(c);
             let fit = self.fit(&self.scanned(&theta, c), &members, self.limits.iterations);
-            if !self.believed(base, &fit, c, least) {
+            if self.believed(base, &fit, c, least) {
+                believed.push(fit);
+            } else {
                 nearest = nearest.max((self.told(base) - self.told(&fit)) / least);
-            } else if best.as_ref().is_none_or(|b| fit.held_out < b.held_out) {
-                best = Some(fit);
             }
         }
-        (best, nearest)
+        believed.sort_by(|a, b| a.held_out.total_cmp(&b.held_out));
+        (believed, nearest)
     }
 
     /// Held-out cost, with what the nominal numbers that are off cost.
-    fn told(&self, fit: &Fit) -> f64 {
+    pub(super) fn told(&self, fit: &Fit) -> f64 {
         fit.held_out + self.prior_weight(fit.cost) * self.penalty(&fit.members, &fit.theta)
     }
 
@@ -500,58 +469,6 @@ impl<E: Evaluate> Search<'_, E> {
         let most = on_most(base, fit, clear.then_some(gain))
             || where_it_acts(base, fit, self.limits.floor);
         gain >= least && most && agreed && significant
-    }
-
-    /// The fit without the member that is missed least, if it is missed less than the threshold.
-    fn backward(&self, full: &Fit, kept: &[usize]) -> Option<Fit> {
-        if full.members.len() < 2 {
-            return None;
-        }
-        let mut best: Option<Fit> = None;
-        for m in full.members.iter().filter(|m| !kept.contains(m)) {
-            let fit = self.without(full, *m);
-            let least = self.threshold(&fit);
-            if self.told(&fit) - self.told(full) < least
-                && best.as_ref().is_none_or(|b| fit.held_out < b.held_out)
-            {
-                best = Some(fit);
-            }
-        }
-        best
-    }
-
-    /// The fit with a single torque in the place of two of a joint, where they are missed less than the threshold: a friction that falls with the speed
-    /// and one that grows with it are a dry one.
-    pub(super) fn merged(&self, full: &Fit, kept: &[usize]) -> Option<Fit> {
-        let lost = |c: &usize| {
-            let own = &self.candidates[*c];
-            own.effect.stage() == Stage::Drivetrain && own.joint.is_some()
-        };
-        let open = full.members.iter().copied();
-        let pair: Vec<usize> = open.filter(|m| lost(m) && !kept.contains(m)).collect();
-        let [a, b] = *pair.as_slice() else {
-            return None;
-        };
-        let single = |c: &usize| lost(c) && self.candidates[*c].free.len() == 1;
-        let both = self.without(&self.without(full, a), b);
-        let one = |c: usize| {
-            let start = |s: &Vec<f64>| {
-                let mut theta = both.theta.clone();
-                theta[self.candidates[c].free[0]] = s[0];
-                self.fit(
-                    &theta,
-                    &[&both.members[..], &[c]].concat(),
-                    self.limits.iterations,
-                )
-            };
-            let fits = self.candidates[c].starts.iter().map(start);
-            fits.min_by(|a, b| self.told(a).total_cmp(&self.told(b)))
-        };
-        let all = (0..self.candidates.len()).filter(single).filter_map(one);
-        let best = all.min_by(|a, b| self.told(a).total_cmp(&self.told(b)))?;
-        let missed = self.told(&best) - self.told(full) >= self.threshold(&best);
-        // With fewer numbers it must only leave no more.
-        (best.cost <= full.cost || !missed).then_some(best)
     }
 
     /// The fit with one member taken out and the rest fitted again.
