@@ -4,9 +4,12 @@ use super::search::{Given, Search};
 use super::terms::{Evaluate, Fit};
 use crate::vocabulary::Stage;
 
-/// Share of the best first effect's gain from which another one may be the right one, and the cost above which, over the floor, that is asked.
+/// Share of the best first effect's gain from which another one may be the right one; the cost above which, over the floor, that is asked; and what that one
+/// must leave at most of what the best leaves: a velocity limit that leaves a law of its motor is none of the frictions that nearly gain as much.
 const NEARLY: f64 = 0.9;
 const LEFT: f64 = 1.5;
+const BETTER: f64 = 0.5;
+
 /// The steps of a selection, the gain over its threshold of the best candidate that was not taken, and what nearly was the first effect.
 struct Course {
     steps: Vec<Fit>,
@@ -27,7 +30,8 @@ impl<E: Evaluate> Search<'_, E> {
             let settled = self.fit(&other.theta, &other.members, 2 * self.limits.iterations);
             let again = self.course(vec![taken.steps[0].clone(), settled], Given::Nothing);
             let end = &again.steps[again.steps.len() - 1];
-            if self.told(last) - self.told(end) > self.threshold(last) {
+            let foretells = self.told(last) - self.told(end) > self.threshold(last);
+            if foretells && end.cost < BETTER * last.cost {
                 taken = again;
             }
         }
