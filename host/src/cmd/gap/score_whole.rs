@@ -32,10 +32,17 @@ pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
         "stage and joint, singles that add two floors in any channel",
     ];
     rows.extend(adding(&adds_any, names));
+    let moved = pick(&|o| matches!(o.kind(), "pair" | "triple") && motion(o));
     let names = [
-        "precision, two or three causes",
-        "recall, two or three causes",
-        "exact, two or three causes",
+        "precision, two or three causes detectable in motion",
+        "recall, two or three causes detectable in motion",
+        "exact, two or three causes detectable in motion",
+    ];
+    rows.extend(several(&moved, names));
+    let names = [
+        "precision, two or three causes detectable in any channel",
+        "recall, two or three causes detectable in any channel",
+        "exact, two or three causes detectable in any channel",
     ];
     rows.extend(several(&more, names));
     rows.extend(words(&all, &any));
