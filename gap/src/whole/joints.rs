@@ -7,7 +7,7 @@ use super::answer::REMAINDER;
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::joint_library::{TIMING_S, candidates, coordinates};
-use super::last_word::{beside_a_limit, doubted, limited, weakened};
+use super::last_word::{doubted, limited, unhurried, weakened};
 use super::loads::{JOINTLY, Moments};
 use super::nominal::{Nominal, nominal};
 use super::open::Law;
@@ -491,7 +491,7 @@ pub(super) fn diagnose(
         answer = weakened(&search, base, nominal).unwrap_or(answer);
     }
     while let Some((at, without)) =
-        doubted(&answer, &coordinates, mixed).or_else(|| beside_a_limit(&answer))
+        doubted(&answer, &coordinates, mixed).or_else(|| unhurried(&answer))
     {
         answer.drop_member(at, without);
     }

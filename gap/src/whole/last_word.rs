@@ -33,21 +33,21 @@ pub(super) fn doubted(
     Some((at, answer.removed_alone[at].0.clone()))
 }
 
-/// Gain over its threshold below which another effect beside a limit of torque is none: what a joint does at its limit hangs on its surroundings, and a motor
-/// there is slow as well (a speed limit of 2.4 on an emulated robot whose speed nothing limited, a class of dead band, lag and clock on another).
-const WEAK: f64 = 3.0;
+/// Gain over its threshold below which a limit of speed beside one of torque is none: a motor at its torque's limit is slow as well, and two laws of the
+/// one differ (2.4 on an emulated robot whose speed nothing limited).
+const HURRIED: f64 = 3.0;
 
-/// A weak effect beside a limit of torque, by its place among the effects found, and the fit without it.
-pub(super) fn beside_a_limit(answer: &Answer) -> Option<(usize, Fit)> {
+/// A weak limit of speed beside a limit of torque, by its place among the effects found, and the fit without it.
+pub(super) fn unhurried(answer: &Answer) -> Option<(usize, Fit)> {
     let members = &answer.last().members;
-    let limit = |m: &usize| {
-        let effect = answer.candidates[*m].effect;
-        matches!(effect, Effect::TorqueLimit | Effect::CurrentLimit)
-    };
+    let effect = |m: &usize| answer.candidates[*m].effect;
+    let limit = |m: &usize| matches!(effect(m), Effect::TorqueLimit | Effect::CurrentLimit);
     if !members.iter().any(limit) {
         return None;
     }
-    let weak = |(at, m): (usize, &usize)| !limit(m) && answer.strengths[at] < WEAK;
+    let weak = |(at, m): (usize, &usize)| {
+        effect(m) == Effect::VelocityLimit && answer.strengths[at] < HURRIED
+    };
     let at = members.iter().enumerate().position(weak)?;
     Some((at, answer.removed_alone[at].0.clone()))
 }
@@ -199,7 +199,7 @@ pub(super) fn mark(found: &mut [Found], replayed: bool) {
 mod tests {
     use super::super::search::Candidate;
     use super::super::terms::samples::{fit, found};
-    use super::{Answer, Coordinate, Effect, Law, beside_a_limit, doubted, outside};
+    use super::{Answer, Coordinate, Effect, Law, doubted, outside, unhurried};
 
     /// An answer with these effects: number of their coordinates, what each is, and the gain over its threshold.
     fn answer(effects: &[(Effect, &[f64], f64)]) -> (Answer, Vec<Coordinate>) {
@@ -256,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_weak_effect_beside_a_limit_of_torque_is_none() {
+    fn a_weak_limit_of_speed_beside_one_of_torque_is_none() {
         const SPEED: Effect = Effect::VelocityLimit;
         const TORQUE: Effect = Effect::TorqueLimit;
         for (what, effects, is) in [
@@ -270,6 +270,11 @@ mod tests {
                 &[(TORQUE, &[1.0], 9.0), (SPEED, &[1.0], 4.0)],
                 None,
             ),
+            (
+                "a weak dead band, beside",
+                &[(TORQUE, &[1.0], 9.0), (Effect::Deadband, &[1.0], 2.4)],
+                None,
+            ),
             ("weak, alone", &[(SPEED, &[1.0], 1.2)], None),
             (
                 "a current's",
@@ -277,11 +282,7 @@ mod tests {
                 Some(0),
             ),
         ] {
-            assert_eq!(
-                beside_a_limit(&answer(effects).0).map(|u| u.0),
-                is,
-                "{what}"
-            );
+            assert_eq!(unhurried(&answer(effects).0).map(|u| u.0), is, "{what}");
         }
     }
 
