@@ -9,6 +9,7 @@ mod belief;
 mod body;
 mod body_answer;
 mod body_library;
+mod body_order;
 mod body_rest;
 mod bounce;
 mod camera;

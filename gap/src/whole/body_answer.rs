@@ -1,11 +1,11 @@
 //! What the windows of the body say: conventions that only the body shows, then effects.
 
 use super::answer::REMAINDER;
-use super::body::{B, SOFTER, Tier};
+use super::body::{B, Tier};
 use super::body_library::{candidates, coordinates, widen};
+use super::body_order;
 use super::body_rest::Rest;
-use super::conventions::permutations;
-use super::data::{Data, JOINTS};
+use super::data::Data;
 use super::inertial;
 use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Given, Limits, Search};
 use super::steady::Change;
@@ -67,133 +67,8 @@ impl Found {
     }
 }
 
-/// Cost below which no other order of joints and no other sign is tried: turned end cubes alone show 3.5; robots without a cause show up to
-/// 1.7 (emulated robots), so that few of them try in vain.
-const RIGHT: f64 = 1.6;
-/// Cost below which no offset is large.
+/// Cost above which offsets may be large.
 const WRONG: f64 = 4.0;
-
-/// What a cost must fall to for another order or other signs to be taken: a robot whose joints are right gains nothing by turning one round
-/// that matters, and little by one that hardly does.
-const BETTER: f64 = 0.6;
-/// Least fall of the cost on the way there: of three joints in a ring the first exchange puts one right.
-const STEP: f64 = 0.97;
-/// Of windows, one in so many is enough to see the right one of all orders.
-const THIN: usize = 4;
-
-/// Order and signs that only the body shows: recorded and commanded in one convention, turned in another.
-fn conventions(
-    data: &Data,
-    tier: &mut Tier,
-    theta: &[f64],
-    (coordinates, candidates): (&[Coordinate], &[Candidate]),
-) {
-    let told = (tier.maps, tier.order);
-    let first = tier.thinned(theta, 1);
-    if first < RIGHT {
-        return;
-    }
-    let mut last = descend(tier, theta, first, 1);
-    if last > BETTER * first && first > WRONG {
-        // From far away exchanges lead nowhere.
-        (tier.maps, tier.order) = told;
-        tier.order = best_order(tier, theta);
-        let now = tier.thinned(theta, 1);
-        last = descend(tier, theta, now, 1);
-    }
-    if last > BETTER * first {
-        (tier.maps, tier.order) = told;
-        if first > WRONG {
-            let fit = |tier: &Tier, ground: &[f64]| {
-                Searched::over(tier, coordinates, candidates).ground(ground)
-            };
-            on_soft_ground(data, tier, theta, fit);
-        }
-    }
-}
-
-/// The same on grounds that give: on a hard one nothing mends windows of feet that stand in a soft one. What is found is judged by windows that
-/// are measured with it, on the ground that fits them best.
-fn on_soft_ground(
-    data: &Data,
-    tier: &mut Tier,
-    theta: &[f64],
-    fit: impl Fn(&Tier, &[f64]) -> Option<Fit>,
-) {
-    let told = (tier.maps, tier.order);
-    let mut first = f64::INFINITY;
-    let mut best = (f64::INFINITY, told, theta.to_vec());
-    for give in SOFTER {
-        let mut theta = theta.to_vec();
-        theta[B::GroundGive as usize] = give;
-        let now = tier.thinned(&theta, THIN);
-        first = first.min(now);
-        let last = descend(tier, &theta, now, THIN);
-        if last < best.0 {
-            best = (last, (tier.maps, tier.order), theta);
-        }
-        (tier.maps, tier.order) = told;
-    }
-    let (last, found, ground) = best;
-    if found == told || last > STEP * first {
-        return;
-    }
-    tier.measure(data, &ground);
-    let cost = |tier: &Tier| fit(tier, &ground).map_or(f64::INFINITY, |f| f.cost);
-    let as_told = cost(tier);
-    (tier.maps, tier.order) = found;
-    // A ground that fits the joints as they are told needs no joint turned round.
-    if cost(tier) > BETTER * as_told.min(first) {
-        (tier.maps, tier.order) = told;
-        tier.settle(data, theta.to_vec());
-    }
-}
-
-/// Turns and exchanges joints as long as the cost of every `thin`-th window falls; returns the cost.
-fn descend(tier: &mut Tier, theta: &[f64], mut now: f64, thin: usize) -> f64 {
-    let cost = |tier: &Tier| tier.thinned(theta, thin);
-    for _ in 0..2 * JOINTS {
-        if now < RIGHT {
-            break;
-        }
-        let (maps, order) = (tier.maps, tier.order);
-        let mut best = (now, maps, order);
-        for a in 0..JOINTS {
-            tier.maps[a].ratio = -maps[a].ratio;
-            let c = cost(tier);
-            if c < best.0 {
-                best = (c, tier.maps, order);
-            }
-            tier.maps = maps;
-            for b in a + 1..JOINTS {
-                tier.order.swap(a, b);
-                let c = cost(tier);
-                if c < best.0 {
-                    best = (c, maps, tier.order);
-                }
-                tier.order = order;
-            }
-        }
-        if best.0 > STEP * now {
-            break;
-        }
-        (now, tier.maps, tier.order) = best;
-    }
-    now
-}
-
-/// Of all orders the one with the least cost on some of the windows.
-fn best_order(tier: &mut Tier, theta: &[f64]) -> [usize; JOINTS] {
-    let mut best = (f64::INFINITY, tier.order);
-    for order in permutations() {
-        tier.order = order;
-        let cost = tier.thinned(theta, THIN);
-        if cost < best.0 {
-            best = (cost, order);
-        }
-    }
-    best.1
-}
 
 /// Diagnoses the body.
 pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Found {
@@ -227,7 +102,9 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
         }
     }
     let told = (tier.maps, tier.order);
-    conventions(data, &mut tier, &start, (&coordinates, &candidates));
+    body_order::find(data, &mut tier, &start, |tier, ground| {
+        Searched::over(tier, &coordinates, &candidates).ground(ground)
+    });
     if (tier.maps, tier.order) != told {
         tier.settle(data, start.clone());
     }

@@ -4,7 +4,7 @@ use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Track};
 use super::echo;
 use super::least::solve;
-use super::nominal::nm_per_a;
+use super::nominal::{INTER, nm_per_a};
 use crate::math;
 use crate::verdict::Estimate;
 use crate::vocabulary::Effect;
@@ -29,7 +29,7 @@ impl Reading {
 
 /// Winding resistances of the two motors, ohm (catalogue of the 2342 012 CR and the 2232 012 SR).
 fn winding_ohm(k: usize) -> f64 {
-    if matches!(k, 1 | 4) { 4.09 } else { 1.9 }
+    if INTER.contains(&k) { 4.09 } else { 1.9 }
 }
 
 /// Spread of motor constants and of windings of one type (1 sigma, relative); beyond three of them it is an effect. Windings also
@@ -149,6 +149,44 @@ fn windings(data: &Data, k: usize) -> Option<[(f64, f64); 2]> {
         (whole[what], error)
     };
     Some([one(0), one(1)])
+}
+
+/// Squared tolerances, of torque constant and winding together, within which a motor is of a kind, and beyond which it is none of it.
+const OF_A_KIND: [f64; 2] = [18.0, 60.0];
+
+/// Whether the motor whose signals stand in each column is of the inter joints' kind, where it is clearly of one kind; `None` where no two motors of
+/// different kinds stand in each other's place.
+pub(super) fn displaced(data: &Data) -> Option<[Option<bool>; JOINTS]> {
+    let kinds: [Option<bool>; JOINTS] = std::array::from_fn(|k| kind(data, k));
+    let astray = |inter| {
+        let here = |(k, kind): (usize, &Option<bool>)| {
+            *kind == Some(inter) && INTER.contains(&k) != inter
+        };
+        kinds.iter().enumerate().any(here)
+    };
+    (astray(true) && astray(false)).then_some(kinds)
+}
+
+/// Whether the motor in column `k` is of the inter joints' kind.
+fn kind(data: &Data, k: usize) -> Option<bool> {
+    let measured = windings(data, k)?;
+    let own = INTER.contains(&k);
+    let like = |inter: bool| {
+        let (here, there) = (k, if inter { INTER[0] } else { 0 });
+        let to = [
+            nm_per_a(here) / nm_per_a(there),
+            winding_ohm(here) / winding_ohm(there),
+        ];
+        let off = |what: usize| {
+            let (ratio, error) = measured[what];
+            ((ratio * to[what] - 1.0) / libm::hypot(MOTOR[what], ERRORS * error * to[what])).powi(2)
+        };
+        off(0) + off(1)
+    };
+    let [within, beyond] = OF_A_KIND;
+    [own, !own]
+        .into_iter()
+        .find(|inter| like(*inter) < within && like(!*inter) > beyond)
 }
 
 /// Motors against their type and against each other; the resistance of every winding, ohm.
