@@ -132,7 +132,7 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
         ),
         (
             &plain,
-            planted(E::ConnectorPlay, None, &[0.03]),
+            planted(E::ConnectorPlay, None, &[0.12]),
             Effect::ConnectorPlay,
             None,
             "half_width_rad",
@@ -269,6 +269,28 @@ fn six_joints_in_a_ring_are_put_in_order() {
     // The column a's set-points reach joint [1, 3, 5, 0, 2, 4][a]: 1 * 120 + 2 * 24 + 3 * 6 permutations of six come before it.
     let found = v.effects[0].parameters["permutation"].value;
     assert!((found - 186.0).abs() < 0.5, "{found}");
+}
+
+/// Beside a loose connector no order mends the windows as the right one does on a sound robot; but motors of two kinds stand in each other's columns.
+#[test]
+fn motors_tell_of_an_order_that_a_loose_connector_hides() {
+    let plan = Plan {
+        columns: [0, 3, 1, 5, 2, 4],
+        effort: false,
+        motors: true,
+        ..Plan::default()
+    };
+    let reality = planted(E::ConnectorPlay, None, &[0.12]);
+    let v = verdict(&plan, &reality);
+    let named: Vec<Effect> = v.effects.iter().map(|e| e.effect).collect();
+    assert_eq!(
+        named,
+        [Effect::JointOrder, Effect::ConnectorPlay],
+        "{:?}",
+        v.effects
+    );
+    let found = v.effects[0].parameters["permutation"].value;
+    assert!((found - 37.0).abs() < 0.5, "{found}");
 }
 
 #[test]

@@ -155,7 +155,8 @@ fn by_motors(tier: &mut Tier, theta: &[f64], kinds: &[Option<bool>; JOINTS]) -> 
 
 /// Whether every joint of `order` has a motor of its own kind, as far as motors are known.
 fn allowed(order: &[usize; JOINTS], kinds: &[Option<bool>; JOINTS]) -> bool {
-    let own = |(k, from): (usize, &usize)| kinds[*from].is_none_or(|weak| weak == INTER.contains(&k));
+    let own =
+        |(k, from): (usize, &usize)| kinds[*from].is_none_or(|weak| weak == INTER.contains(&k));
     order.iter().enumerate().all(own)
 }
 

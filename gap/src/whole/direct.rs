@@ -159,9 +159,8 @@ const OF_A_KIND: [f64; 2] = [18.0, 60.0];
 pub(super) fn displaced(data: &Data) -> Option<[Option<bool>; JOINTS]> {
     let kinds: [Option<bool>; JOINTS] = std::array::from_fn(|k| kind(data, k));
     let astray = |inter| {
-        let here = |(k, kind): (usize, &Option<bool>)| {
-            *kind == Some(inter) && INTER.contains(&k) != inter
-        };
+        let here =
+            |(k, kind): (usize, &Option<bool>)| *kind == Some(inter) && INTER.contains(&k) != inter;
         kinds.iter().enumerate().any(here)
     };
     (astray(true) && astray(false)).then_some(kinds)

@@ -24,6 +24,8 @@ pub(crate) struct Plan {
     pub(crate) base: bool,
     /// Torque columns.
     pub(crate) effort: bool,
+    /// Current, duty and bus voltage, of the catalogue's motors.
+    pub(crate) motors: bool,
     /// Link angle columns.
     pub(crate) link: bool,
     /// Columns of the set-points as each joint's driver echoes them.
@@ -41,6 +43,7 @@ impl Default for Plan {
             seed: 3,
             base: true,
             effort: true,
+            motors: false,
             link: false,
             echo: false,
             columns: [0, 1, 2, 3, 4, 5],
@@ -129,6 +132,31 @@ fn jittered(reality: &Reality, seed: u64) -> Model {
     model
 }
 
+/// Bus voltage of recorded motors, V.
+const BUS_V: f64 = 12.0;
+
+/// Current, A, and duty of the motor of joint `k` in row `i`: `duty V = R i + k w` with the catalogue's numbers, referred to the output.
+fn motor(outcome: &physics::Outcome, i: usize, k: usize) -> [f64; 2] {
+    let (nm_per_a, ohm) = if matches!(k, 1 | 4) {
+        (12.0 / 2.032, 4.09)
+    } else {
+        (12.0 / 2.786, 1.9)
+    };
+    let angle = |row: usize| f64::from(outcome.encoders_rad[row * 6 + k]);
+    let (from, to) = (i.saturating_sub(1), i + 1);
+    let to = if to * 6 + k < outcome.encoders_rad.len() {
+        to
+    } else {
+        i
+    };
+    let speed_rad_s = (angle(to) - angle(from)) / ((to - from).max(1) as f64 * ROW_S);
+    let current_a = f64::from(outcome.torques_nm[i * 6 + k]) / nm_per_a;
+    [
+        current_a,
+        (ohm * current_a + nm_per_a * speed_rad_s) / BUS_V,
+    ]
+}
+
 /// Simulates and writes the CSV of one run.
 fn csv(
     plan: &Plan,
@@ -146,9 +174,15 @@ fn csv(
         if plan.effort {
             let _ = write!(s, ",effort_nm_{k}");
         }
+        if plan.motors {
+            let _ = write!(s, ",current_a_{k},duty_{k}");
+        }
         if plan.link {
             let _ = write!(s, ",link_position_rad_{k}");
         }
+    }
+    if plan.motors {
+        s.push_str(",bus_v");
     }
     if plan.base {
         s.push_str(",base_x_m,base_y_m,base_z_m,base_qw,base_qx,base_qy,base_qz");
@@ -170,6 +204,11 @@ fn csv(
                 let tau = f64::from(outcome.torques_nm[at]) + 0.03 * rng.normal();
                 let _ = write!(s, ",{tau:.3}");
             }
+            if plan.motors {
+                let [current_a, duty] = motor(outcome, i, k);
+                let current_a = current_a + 0.005 * rng.normal();
+                let _ = write!(s, ",{current_a:.4},{duty:.4}");
+            }
             if plan.link {
                 let _ = write!(
                     s,
@@ -177,6 +216,9 @@ fn csv(
                     f64::from(outcome.angles_rad[at]) + 2e-4 * rng.normal()
                 );
             }
+        }
+        if plan.motors {
+            let _ = write!(s, ",{BUS_V}");
         }
         if plan.base {
             let p = outcome.poses[i];
