@@ -7,7 +7,7 @@ use super::answer::REMAINDER;
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::joint_library::{TIMING_S, candidates, coordinates};
-use super::last_word::{doubted, limited, unhurried, weakened};
+use super::last_word::{doubted, limited, unhurried, weakened, weightless};
 use super::loads::{JOINTLY, Moments};
 use super::nominal::{Nominal, nominal};
 use super::open::Law;
@@ -456,13 +456,22 @@ pub(super) fn moments(tier: &Tier, model: &Model, conventions: &Conventions) -> 
     tier.moments(&nominal, true)
 }
 
-/// Diagnoses one joint of a robot whose joints may be `mixed`: they stood in another order.
+/// What is known of the robot that a joint belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Around {
+    /// Joints stood in another order.
+    pub(super) mixed: bool,
+    /// Links or their connector play or twist.
+    pub(super) loose: bool,
+}
+
+/// Diagnoses one joint.
 pub(super) fn diagnose(
     mut tier: Tier,
     model: &Model,
     conventions: &Conventions,
     withhold: &[Effect],
-    mixed: bool,
+    around: Around,
 ) -> Found {
     let (coordinates, nominal) = start(&tier, model, conventions);
     let mut candidates = candidates(&tier, conventions);
@@ -490,8 +499,9 @@ pub(super) fn diagnose(
     if answer.last().members.is_empty() && !withhold.contains(&Effect::ThermalDerating) {
         answer = weakened(&search, base, nominal).unwrap_or(answer);
     }
-    while let Some((at, without)) =
-        doubted(&answer, &coordinates, mixed).or_else(|| unhurried(&answer))
+    while let Some((at, without)) = doubted(&answer, &coordinates, around.mixed)
+        .or_else(|| unhurried(&answer))
+        .or_else(|| weightless(&answer, around.loose))
     {
         answer.drop_member(at, without);
     }

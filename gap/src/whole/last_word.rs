@@ -52,6 +52,20 @@ pub(super) fn unhurried(answer: &Answer) -> Option<(usize, Fit)> {
     Some((at, answer.removed_alone[at].0.clone()))
 }
 
+/// Gain over its threshold below which the gravity load of a joint is none where links play or twist: replayed loads then stand a little elsewhere (1.4
+/// beside the play of another joint, 4.3 where one was planted beside a connector's; emulated robots).
+const HEAVY: f64 = 2.5;
+
+/// A weak gravity load of a joint of a robot whose links are `loose`, by its place among the effects found, and the fit without it.
+pub(super) fn weightless(answer: &Answer, loose: bool) -> Option<(usize, Fit)> {
+    let weak = |(at, m): (usize, &usize)| {
+        answer.candidates[*m].effect == Effect::GravityLoad && answer.strengths[at] < HEAVY
+    };
+    let mut members = answer.last().members.iter().enumerate();
+    let at = members.position(weak).filter(|_| loose)?;
+    Some((at, answer.removed_alone[at].0.clone()))
+}
+
 /// The answer with a motor that weakens as it warms up, tried alone; `None` where it is not believed.
 pub(super) fn weakened(search: &Search<'_, Tier>, base: Fit, nominal: Vec<f64>) -> Option<Answer> {
     let candidates = [last_resort(search.model.joint)];
@@ -199,7 +213,7 @@ pub(super) fn mark(found: &mut [Found], replayed: bool) {
 mod tests {
     use super::super::search::Candidate;
     use super::super::terms::samples::{fit, found};
-    use super::{Answer, Coordinate, Effect, Law, doubted, outside, unhurried};
+    use super::{Answer, Coordinate, Effect, Law, doubted, outside, unhurried, weightless};
 
     /// An answer with these effects: number of their coordinates, what each is, and the gain over its threshold.
     fn answer(effects: &[(Effect, &[f64], f64)]) -> (Answer, Vec<Coordinate>) {
@@ -283,6 +297,19 @@ mod tests {
             ),
         ] {
             assert_eq!(unhurried(&answer(effects).0).map(|u| u.0), is, "{what}");
+        }
+    }
+
+    #[test]
+    fn a_weak_gravity_load_of_a_loose_robot_is_none() {
+        const LOAD: Effect = Effect::GravityLoad;
+        for (what, strength, loose, is) in [
+            ("weak, loose", 1.4, true, Some(0)),
+            ("strong, loose", 4.3, true, None),
+            ("weak, tight", 1.4, false, None),
+        ] {
+            let (answer, _) = answer(&[(LOAD, &[0.5], strength)]);
+            assert_eq!(weightless(&answer, loose).map(|w| w.0), is, "{what}");
         }
     }
 

@@ -13,70 +13,117 @@ const ROUNDS: usize = 2;
 /// A candidate with more starts than this is searched by its starts alone.
 const DENSE: usize = 20;
 
+/// What is known at the fit that a candidate is to be added to.
+struct Ground {
+    /// Numbers that are free without the candidate.
+    free: Vec<usize>,
+    /// Residuals at a glimpse, and after a step of each of these numbers.
+    residuals: Vec<Vec<f64>>,
+    columns: Vec<Vec<Vec<f64>>>,
+    steps: Vec<f64>,
+    /// Priors of these numbers.
+    prior: Vec<(f64, f64)>,
+}
+
+/// Where a straight line from a start leads.
+struct Lead {
+    candidate: usize,
+    theta: Vec<f64>,
+    /// Cost that the line promises.
+    promised: f64,
+    /// Cost by which it is ranked.
+    rank: f64,
+}
+
 impl<E: Evaluate> Search<'_, E> {
-    /// Cost at a glimpse of every start of every open candidate, the free coordinates adapted to first order; best first. And that of `base`.
+    /// Where a straight line from every start of every open candidate leads, and the cost that it promises there at a glimpse; best first. And that of `base`.
     pub(super) fn screen(&self, base: &Fit, open: &[usize]) -> (Vec<(usize, Vec<f64>, f64)>, f64) {
         let free = self.free(&base.members);
+        let (columns, steps) = self.slopes(&base.theta, &free, &|t| self.model.glimpse(t));
+        let ground = Ground {
+            residuals: self.model.glimpse(&base.theta),
+            prior: self.prior(&base.members, &free, &base.theta),
+            free,
+            columns,
+            steps,
+        };
+        let starts = |c: &usize| {
+            let all = self.candidates[*c].starts.iter();
+            all.map(|s| (*c, s.as_slice())).collect::<Vec<_>>()
+        };
+        let tasks: Vec<(usize, &[f64])> = open.iter().flat_map(starts).collect();
+        let mut out: Vec<Lead> = tasks
+            .into_par_iter()
+            .map(|(c, start)| self.lead(base, &ground, c, start))
+            .collect();
+        out.sort_by(|a, b| a.rank.total_cmp(&b.rank));
+        let out = out.into_iter().map(|l| (l.candidate, l.theta, l.promised));
+        (out.collect(), cost(&ground.residuals))
+    }
+
+    /// One step of least squares from a start of candidate `c`, all free numbers adapted to first order.
+    fn lead(&self, base: &Fit, ground: &Ground, c: usize, start: &[f64]) -> Lead {
         let glimpse = |t: &[f64]| self.model.glimpse(t);
-        let (columns, steps) = self.slopes(&base.theta, &free, &glimpse);
-        let r0 = glimpse(&base.theta);
-        let prior = self.prior(&base.members, &free, &base.theta);
-        let mut tasks = Vec::new();
-        for c in open {
-            for s in &self.candidates[*c].starts {
-                tasks.push((*c, s.clone()));
+        let candidate = &self.candidates[c];
+        let mut t = base.theta.clone();
+        for (i, v) in candidate.free.iter().zip(start) {
+            let [low, high] = self.coordinates[*i].range;
+            t[*i] = v.clamp(low, high);
+        }
+        let r = glimpse(&t);
+        // Columns at the base point serve here too: only their differences enter.
+        let shifted = |col: &Vec<Vec<f64>>| add(col, &ground.residuals, &r);
+        let mut all: Vec<Vec<Vec<f64>>> = ground.columns.iter().map(shifted).collect();
+        let mut steps = ground.steps.clone();
+        // A dense grid of starts means a number that no slope leads to.
+        let own: Vec<usize> = if candidate.starts.len() > DENSE {
+            Vec::new()
+        } else {
+            let own = candidate.free.iter().copied();
+            own.filter(|i| !ground.free.contains(i)).collect()
+        };
+        let apart = |i: &usize| base.theta[*i] - t[*i];
+        if let [i] = own.as_slice()
+            && apart(i) != 0.0
+        {
+            // The secant from here is slope enough for one number.
+            all.push(ground.residuals.clone());
+            steps.push(apart(i));
+        } else {
+            let (more, h) = self.slopes(&t, &own, &glimpse);
+            all.extend(more);
+            steps.extend(h);
+        }
+        let moved = [ground.free.as_slice(), own.as_slice()].concat();
+        let weight = self.prior_weight(base.cost);
+        let pull = |j: usize| {
+            let held = |p: &&(f64, f64)| p.0 > 0.0 && !candidate.free.contains(&moved[j]);
+            let prior = ground.prior.get(j).filter(held);
+            prior.map(|p| (weight * p.0, p.1 / p.0))
+        };
+        let at_start = cost(&r);
+        let (d, promised) = adapted(r, all, &steps, &pull);
+        let members = [base.members.as_slice(), &[c]].concat();
+        let mut there = t.clone();
+        for (n, (i, d)) in moved.iter().zip(&d).enumerate() {
+            let range = self.range(&members, *i);
+            there[*i] = (t[*i] - d).clamp(range[0], range[1]);
+            if n >= ground.free.len() {
+                t[*i] = there[*i];
             }
         }
-        let mut out: Vec<(usize, Vec<f64>, f64)> = tasks
-            .into_par_iter()
-            .map(|(c, start)| {
-                let mut t = base.theta.clone();
-                for (i, v) in self.candidates[c].free.iter().zip(&start) {
-                    let [low, high] = self.coordinates[*i].range;
-                    t[*i] = v.clamp(low, high);
-                }
-                let r = glimpse(&t);
-                // Columns at the base point serve here too: only their differences enter.
-                let mut all: Vec<Vec<Vec<f64>>> =
-                    columns.iter().map(|col| add(col, &r0, &r)).collect();
-                let mut moved = free.clone();
-                let mut steps = steps.clone();
-                // A dense grid of starts means a number that no slope leads to.
-                let own: Vec<usize> = if self.candidates[c].starts.len() > DENSE {
-                    Vec::new()
-                } else {
-                    let own = self.candidates[c].free.iter().copied();
-                    own.filter(|i| !free.contains(i)).collect()
-                };
-                let apart = |i: &usize| base.theta[*i] - t[*i];
-                if let [i] = own.as_slice()
-                    && apart(i) != 0.0
-                {
-                    // The secant from here is slope enough for one number.
-                    all.push(r0.clone());
-                    steps.push(apart(i));
-                } else {
-                    let (more, h) = self.slopes(&t, &own, &glimpse);
-                    all.extend(more);
-                    steps.extend(h);
-                }
-                moved.extend(own);
-                let weight = self.prior_weight(base.cost);
-                let pull = |j: usize| {
-                    let held =
-                        |p: &&(f64, f64)| p.0 > 0.0 && !self.candidates[c].free.contains(&moved[j]);
-                    prior.get(j).filter(held).map(|p| (weight * p.0, p.1 / p.0))
-                };
-                let (d, there) = adapted(r, all, &steps, &pull);
-                for (i, d) in moved.iter().zip(&d).skip(free.len()) {
-                    let range = self.coordinates[*i].range;
-                    t[*i] = (t[*i] - d).clamp(range[0], range[1]);
-                }
-                (c, t, there)
-            })
-            .collect();
-        out.sort_by(|a, b| a.2.total_cmp(&b.2));
-        (out, cost(&r0))
+        // Where the cost is rough, lines promise too much.
+        let rank = if self.limits.rough {
+            cost(&glimpse(&there)).min(at_start)
+        } else {
+            promised
+        };
+        Lead {
+            candidate: c,
+            theta: t,
+            promised,
+            rank,
+        }
     }
 
     /// Whether a nominal number that candidate `c` frees is nearly as far off as its tolerance lets it be.
@@ -169,7 +216,60 @@ fn foretold(r: &[Vec<f64>], columns: &[Vec<Vec<f64>>], steps: &[f64], d: &[f64])
 
 #[cfg(test)]
 mod tests {
+    use super::super::search::Search;
+    use super::super::terms::samples::{LIMITS, fit};
+    use super::super::terms::{Candidate, Coordinate, Evaluate, Fit, Limits};
     use super::adapted;
+    use crate::vocabulary::Effect;
+
+    /// Samples that a play of 1 explains, by way of a bend that is gone there; an offset takes half of them away at 0.5 and none at 1.
+    struct Bent;
+
+    impl Evaluate for Bent {
+        fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>> {
+            let [play, offset] = [theta[0], theta[1]];
+            let right = play + offset.min(1.0 - offset) - 1.0;
+            let bend = 3.0 * play * (1.0 - play);
+            // Of two patterns that have nothing in common.
+            let one = |i: i32| 4.0 * if i % 2 == 0 { right } else { bend };
+            vec![(0..40).map(one).collect()]
+        }
+    }
+
+    #[test]
+    fn where_the_cost_is_rough_a_start_counts_by_what_is_there_not_by_what_its_line_promises() {
+        let coordinate = Coordinate {
+            neutral: 0.0,
+            sigma: 0.0,
+            step: 0.01,
+            range: [0.0, 2.0],
+        };
+        let candidate = |effect, i, start| Candidate {
+            effect,
+            joint: Some(0),
+            free: vec![i],
+            starts: vec![vec![start]],
+        };
+        let candidates = [
+            candidate(Effect::Backlash, 0, 0.9),
+            candidate(Effect::JointOffset, 1, 0.2),
+        ];
+        let coordinates = [coordinate.clone(), coordinate];
+        for (rough, first) in [(true, 0), (false, 1)] {
+            let search = Search {
+                model: &Bent,
+                coordinates: &coordinates,
+                candidates: &candidates,
+                limits: Limits { rough, ..LIMITS },
+            };
+            let base = Fit {
+                theta: vec![0.0; 2],
+                ..fit(&[])
+            };
+            let (ranked, _) = search.screen(&base, &[0, 1]);
+            assert_eq!(ranked[0].0, first, "{rough}");
+        }
+    }
 
     #[test]
     fn a_start_that_makes_outliers_of_all_samples_is_judged_by_where_its_line_leads() {

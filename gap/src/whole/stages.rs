@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use super::camera::Film;
 use super::conventions::{self, Conventions};
 use super::data::{Data, JOINTS};
-use super::joints::{self, Found, Tier};
+use super::joints::{self, Around, Found, Tier};
 use super::loads::{self, Replay};
 use super::score::Score;
 use super::search::Candidate;
@@ -172,11 +172,13 @@ impl Task<'_> {
             .collect();
         joints::calibrate(&mut tiers, self.model, &seen.conventions);
         let withhold = &self.settings.withhold;
+        let around = Around {
+            mixed: seen.mixed(),
+            loose: seen.holds(|c| c.effect.stage() == Stage::Transmission),
+        };
         let mut found: Vec<Found> = tiers
             .into_par_iter()
-            .map(|tier| {
-                joints::diagnose(tier, self.model, &seen.conventions, withhold, seen.mixed())
-            })
+            .map(|tier| joints::diagnose(tier, self.model, &seen.conventions, withhold, around))
             .collect();
         last_word::drop_lone_clocks(&mut found);
         last_word::mark(&mut found, seen.body.is_some());

@@ -213,7 +213,7 @@ pub(super) mod samples {
         }
     }
 
-    const LIMITS: Limits = Limits {
+    pub(in crate::whole) const LIMITS: Limits = Limits {
         share: 0.1,
         least: 0.1,
         relative: 0.1,
