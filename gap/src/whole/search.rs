@@ -8,15 +8,15 @@ use super::least::{Block, blocks, cost, group_costs, solve, total};
 use super::optimum::Optimum;
 pub(super) use super::terms::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Rival};
 use super::terms::{on_all, on_most, where_it_acts};
-use crate::vocabulary::Stage;
+use crate::vocabulary::{Effect, Stage};
 
 /// Error of a fitted value as a share of its distance from the neutral one: two honest simulators of one law differ by this (time step,
 /// sweeps; emulated robots).
 const LAW: f64 = 0.02;
 /// What a rival that foretells unseen gaits better may leave of all gaits, over what the effect itself leaves: a wrong law gets one gait right.
 const NO_WORSE: f64 = 1.3;
-/// Gain over its threshold from which a gait may disagree: about a play or spring where the cost is rough (a robot without one showed 1.7 on three
-/// gaits of four), and a little about any effect.
+/// Gain over its threshold from which a gait may disagree: about a play, a spring or an anisotropy where the cost is rough (robots without one showed 1.7
+/// and 1.3 on three gaits of four), and a little about any effect.
 const CLEAR: f64 = 2.0;
 /// Standard deviations within which a number may be none.
 const NONE: f64 = 1.96;
@@ -462,10 +462,13 @@ impl<E: Evaluate> Search<'_, E> {
             seen && off > 3.0 * fit.deviation[*i] && off > self.limits.beyond * x.sigma
         });
         let gain = self.told(base) - self.told(fit);
-        // Where the cost is rough, some play or spring mends a window or two everywhere: a small gain must be one on every gait.
-        let springy = self.limits.rough && self.candidates[c].effect.stage() == Stage::Transmission;
+        // Where the cost is rough, some play or spring, or some direction of an anisotropy, mends a window or two everywhere: a small gain must be one on every
+        // gait.
+        let effect = self.candidates[c].effect;
+        let one_of_many =
+            effect.stage() == Stage::Transmission || effect == Effect::FrictionAnisotropy;
         let clear = gain >= CLEAR * least;
-        let agreed = !springy || clear || on_all(base, fit);
+        let agreed = !(self.limits.rough && one_of_many) || clear || on_all(base, fit);
         let most = on_most(base, fit, clear.then_some(gain))
             || where_it_acts(base, fit, self.limits.floor);
         gain >= least && most && agreed && significant
