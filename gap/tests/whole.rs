@@ -132,7 +132,7 @@ fn one_effect_per_stage_is_named_with_joint_and_size() {
         ),
         (
             &plain,
-            planted(E::ConnectorPlay, None, &[0.12]),
+            planted(E::ConnectorPlay, None, &[0.03]),
             Effect::ConnectorPlay,
             None,
             "half_width_rad",

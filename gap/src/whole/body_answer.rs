@@ -2,12 +2,12 @@
 
 use super::answer::REMAINDER;
 use super::body::{B, Tier};
-use super::body_library::{candidates, coordinates, widen};
+use super::body_library::{apart_m, candidates, coordinates, widen};
 use super::body_order;
 use super::body_rest::Rest;
 use super::data::Data;
 use super::inertial;
-use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Given, Limits, Search};
+use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Given, Limits, Search, WIDE};
 use super::steady::Change;
 use crate::math;
 use crate::vocabulary::Effect;
@@ -130,6 +130,9 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
         answer = Searched::over(&tier, c, k).seek(&start, sure.as_ref(), None);
         sure = sure.or_else(|| telling(&tier, &answer));
     }
+    while let Some((at, without)) = faint(&tier, &answer, c) {
+        answer.drop_member(at, without);
+    }
     let changes = tier.changes(&answer.last().theta);
     Found {
         changes,
@@ -137,6 +140,25 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
         answer,
         tier,
     }
+}
+
+/// A centre of mass that lies where half-spheres within their tolerances put it, or what became next to nothing when another effect went, by its place among the
+/// effects found, and the fit without it.
+fn faint(tier: &Tier, answer: &Answer, coordinates: &[Coordinate]) -> Option<(usize, Fit)> {
+    let last = answer.last();
+    let off = |b: &usize| (last.theta[*b] - coordinates[*b].neutral).abs();
+    let near = |b: &usize| off(b) <= 1.96 * libm::hypot(last.spread[*b], apart_m(&tier.model));
+    let of = |m: &usize| {
+        let own = &answer.candidates[*m];
+        let scattered = own.effect == Effect::ComOffset && own.free.iter().all(near);
+        scattered
+            || own
+                .free
+                .iter()
+                .all(|b| off(b) <= WIDE * coordinates[*b].step)
+    };
+    let at = last.members.iter().position(of)?;
+    Some((at, answer.removed_alone[at].0.clone()))
 }
 
 /// Whether a slope is more than the sensor's error.

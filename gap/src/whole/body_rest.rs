@@ -119,8 +119,8 @@ fn between(tier: &Tier, last: &Fit, left: f64) -> Option<(Stage, Option<usize>)>
         ..last.clone()
     };
     let (screened, _) = search.screen(&base, &(0..all.len()).collect::<Vec<_>>());
-    let (c, theta, _) = screened.into_iter().next()?;
-    let cost = search.fit(&theta, &[c], 3).cost;
-    let found = &all[c];
+    let lead = screened.first()?;
+    let cost = search.fit(&lead.theta, &[lead.candidate], 3).cost;
+    let found = &all[lead.candidate];
     (left - cost > TAKEN * (left - USUAL)).then_some((found.effect.stage(), found.joint))
 }

@@ -102,8 +102,20 @@ pub(super) fn limited(mut answer: Answer, tier: &Tier) -> Answer {
 /// it must take off to stand even so.
 const REFUTED: f64 = 1.3;
 const REPAID: f64 = 0.2;
+/// Share of its error that angle or torque of the scored runs must lose with an effect: planted ones take 3 % of one of them away at least; a dead band that a
+/// torque limit's other law asked for made both 4 % worse (emulated robots).
+const USEFUL: f64 = 0.01;
 
-/// Takes the effects of joints away that the scored runs refute: their angles are foretold far worse with them, and their torques hardly better.
+/// Whether a joint whose scored runs have these errors [without an effect, with it] is better off without it.
+fn better_off(angle_rad: Option<[f64; 2]>, torque_nm: Option<[f64; 2]>) -> bool {
+    let to = |error: Option<[f64; 2]>, share: f64| error.is_some_and(|[a, b]| b < share * a);
+    let worse = angle_rad.is_some_and(|[a, b]| b > REFUTED * a);
+    let useful = to(angle_rad, 1.0 - USEFUL) || to(torque_nm, 1.0 - USEFUL);
+    (worse && !to(torque_nm, 1.0 - REPAID)) || !useful
+}
+
+/// Takes the effects of joints away that the scored runs refute: their angles are foretold far worse with them and their torques hardly better, or neither of
+/// them better. What the link shows is not among these.
 pub(super) fn refuted(score: &Score, joints: &mut [Found]) {
     for at in 0..joints.len() {
         let mut m = 0;
@@ -119,11 +131,8 @@ pub(super) fn refuted(score: &Score, joints: &mut [Found]) {
             };
             let without = joints[at].answer.removed_alone[m].0.clone();
             let rows = score.by_joint(&state(&without), &state(joints[at].answer.last()));
-            let worse = rows[at].angle_rad.is_some_and(|[a, b]| b > REFUTED * a);
-            let repaid = rows[at]
-                .torque_nm
-                .is_some_and(|[a, b]| b < (1.0 - REPAID) * a);
-            if worse && !repaid {
+            let row = &rows[at];
+            if !joints[at].tier.has_link() && better_off(row.angle_rad, row.torque_nm) {
                 joints[at].answer.drop_member(m, without);
             } else {
                 m += 1;
@@ -213,7 +222,9 @@ pub(super) fn mark(found: &mut [Found], replayed: bool) {
 mod tests {
     use super::super::search::Candidate;
     use super::super::terms::samples::{fit, found};
-    use super::{Answer, Coordinate, Effect, Law, doubted, outside, unhurried, weightless};
+    use super::{
+        Answer, Coordinate, Effect, Law, better_off, doubted, outside, unhurried, weightless,
+    };
 
     /// An answer with these effects: number of their coordinates, what each is, and the gain over its threshold.
     fn answer(effects: &[(Effect, &[f64], f64)]) -> (Answer, Vec<Coordinate>) {
@@ -297,6 +308,33 @@ mod tests {
             ),
         ] {
             assert_eq!(unhurried(&answer(effects).0).map(|u| u.0), is, "{what}");
+        }
+    }
+
+    #[test]
+    fn an_effect_stays_where_the_scored_runs_are_foretold_better_with_it() {
+        for (what, angle_rad, torque_nm, goes) in [
+            ("angles better", [1.0, 0.9], Some([1.0, 1.0]), false),
+            ("torques better", [1.0, 1.0], Some([1.0, 0.9]), false),
+            (
+                "torques a little better, angles far worse",
+                [1.0, 1.4],
+                Some([1.0, 0.9]),
+                true,
+            ),
+            (
+                "torques far better, angles far worse",
+                [1.0, 1.4],
+                Some([1.0, 0.7]),
+                false,
+            ),
+            ("both a little worse", [1.0, 1.05], Some([1.0, 1.04]), true),
+            ("neither changes", [1.0, 0.995], Some([1.0, 1.0]), true),
+            ("angles alone, better", [1.0, 0.9], None, false),
+            ("angles alone, the same", [1.0, 1.0], None, true),
+            ("angles that are no number", [1.0, f64::NAN], None, true),
+        ] {
+            assert_eq!(better_off(Some(angle_rad), torque_nm), goes, "{what}");
         }
     }
 

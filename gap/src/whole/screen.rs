@@ -26,18 +26,18 @@ struct Ground {
 }
 
 /// Where a straight line from a start leads.
-struct Lead {
-    candidate: usize,
-    theta: Vec<f64>,
+pub(super) struct Lead {
+    pub(super) candidate: usize,
+    pub(super) theta: Vec<f64>,
     /// Cost that the line promises.
-    promised: f64,
-    /// Cost by which it is ranked.
-    rank: f64,
+    pub(super) promised: f64,
+    /// The least cost that was seen, at the start or where the line leads; where the cost is smooth that is what the line promises.
+    pub(super) seen: f64,
 }
 
 impl<E: Evaluate> Search<'_, E> {
-    /// Where a straight line from every start of every open candidate leads, and the cost that it promises there at a glimpse; best first. And that of `base`.
-    pub(super) fn screen(&self, base: &Fit, open: &[usize]) -> (Vec<(usize, Vec<f64>, f64)>, f64) {
+    /// Where a straight line from every start of every open candidate leads at a glimpse, the best promise first; and the cost of `base`.
+    pub(super) fn screen(&self, base: &Fit, open: &[usize]) -> (Vec<Lead>, f64) {
         let free = self.free(&base.members);
         let (columns, steps) = self.slopes(&base.theta, &free, &|t| self.model.glimpse(t));
         let ground = Ground {
@@ -56,9 +56,8 @@ impl<E: Evaluate> Search<'_, E> {
             .into_par_iter()
             .map(|(c, start)| self.lead(base, &ground, c, start))
             .collect();
-        out.sort_by(|a, b| a.rank.total_cmp(&b.rank));
-        let out = out.into_iter().map(|l| (l.candidate, l.theta, l.promised));
-        (out.collect(), cost(&ground.residuals))
+        out.sort_by(|a, b| a.promised.total_cmp(&b.promised));
+        (out, cost(&ground.residuals))
     }
 
     /// One step of least squares from a start of candidate `c`, all free numbers adapted to first order.
@@ -112,8 +111,7 @@ impl<E: Evaluate> Search<'_, E> {
                 t[*i] = there[*i];
             }
         }
-        // Where the cost is rough, lines promise too much.
-        let rank = if self.limits.rough {
+        let seen = if self.limits.rough {
             cost(&glimpse(&there)).min(at_start)
         } else {
             promised
@@ -122,7 +120,7 @@ impl<E: Evaluate> Search<'_, E> {
             candidate: c,
             theta: t,
             promised,
-            rank,
+            seen,
         }
     }
 
@@ -237,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn where_the_cost_is_rough_a_start_counts_by_what_is_there_not_by_what_its_line_promises() {
+    fn where_the_cost_is_rough_what_is_there_tells_of_a_start_whose_line_promises_little() {
         let coordinate = Coordinate {
             neutral: 0.0,
             sigma: 0.0,
@@ -255,7 +253,7 @@ mod tests {
             candidate(Effect::JointOffset, 1, 0.2),
         ];
         let coordinates = [coordinate.clone(), coordinate];
-        for (rough, first) in [(true, 0), (false, 1)] {
+        for rough in [true, false] {
             let search = Search {
                 model: &Bent,
                 coordinates: &coordinates,
@@ -267,7 +265,8 @@ mod tests {
                 ..fit(&[])
             };
             let (ranked, _) = search.screen(&base, &[0, 1]);
-            assert_eq!(ranked[0].0, first, "{rough}");
+            assert_eq!(ranked[0].candidate, 1, "{rough}");
+            assert_eq!(ranked[1].seen < ranked[0].seen, rough, "{rough}");
         }
     }
 

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::least::{Block, blocks, cost, group_costs, solve, total};
 use super::optimum::Optimum;
+use super::screen::Lead;
 pub(super) use super::terms::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Rival};
 use super::terms::{on_all, on_most, where_it_acts};
 use crate::vocabulary::{Effect, Stage};
@@ -18,6 +19,11 @@ const NO_WORSE: f64 = 1.3;
 /// Gain over its threshold from which a gait may disagree: about a play, a spring or an anisotropy where the cost is rough (robots without one showed 1.7
 /// and 1.3 on three gaits of four), and a little about any effect.
 const CLEAR: f64 = 2.0;
+/// Candidates of a rough cost that are fitted besides because of what was seen of them: a line that promises much may hold nothing there.
+const SEEN: usize = 2;
+/// Share of such a cost's steps that counts as their size: small effects of robots are four tenths of them at least, a spring that two windows asked for was
+/// less than a tenth.
+pub(super) const WIDE: f64 = 0.2;
 /// Standard deviations within which a number may be none.
 const NONE: f64 = 1.96;
 
@@ -257,9 +263,13 @@ impl<E: Evaluate> Search<'_, E> {
             prior,
             held: free.iter().map(at_border).collect(),
         };
-        let folds = optimum.folds();
+        let mut folds = optimum.folds();
         let groups = blocks.iter().filter(|b| b.n > 0.0).count().max(1) as f64;
         let cost = cost(residuals);
+        if !cost.is_finite() {
+            // What cannot be simulated foretells nothing.
+            folds.fill(f64::INFINITY);
+        }
         let scale = cost.max(self.limits.floor) * groups / self.limits.independent;
         let mut deviation = vec![0.0; theta.len()];
         let mut spread = vec![0.0; theta.len()];
@@ -332,6 +342,7 @@ impl<E: Evaluate> Search<'_, E> {
         let better = rivals
             .iter()
             .flatten()
+            .filter(|r| self.significant(&r.fit, r.candidate))
             .map(|r| &r.fit)
             .filter(|f| {
                 let foretells = last.held_out - f.held_out > self.threshold(last);
@@ -414,27 +425,9 @@ impl<E: Evaluate> Search<'_, E> {
         let least = self
             .threshold(base)
             .max(self.limits.of_first * first * f64::from(u8::from(!base.members.is_empty())));
-        let mut seen = Vec::new();
         let mut believed: Vec<Fit> = Vec::new();
         let mut nearest = 0.0f64;
-        let (screened, from) = self.screen(base, &open);
-        let hinted = hint.and_then(|h| Some((*h.members.first()?, h.theta.clone(), 0.0)));
-        let strained = open.iter().filter(|c| self.strained(base, **c));
-        let given = hinted
-            .into_iter()
-            .chain(strained.map(|c| (*c, base.theta.clone(), 0.0)));
-        // What is tried in any case takes no one's turn.
-        let given = given.map(|g| (g, true));
-        for ((c, theta, there), given) in given.chain(screened.into_iter().map(|s| (s, false))) {
-            let turn = !seen.contains(&c)
-                && seen.len() < self.limits.refined
-                && there <= from - 0.3 * least;
-            if !given && !turn {
-                continue;
-            }
-            if !given {
-                seen.push(c);
-            }
+        for (c, theta) in self.tried(base, &open, least, hint) {
             let mut members = base.members.clone();
             members.push(c);
             let fit = self.fit(&self.scanned(&theta, c), &members, self.limits.iterations);
@@ -453,14 +446,52 @@ impl<E: Evaluate> Search<'_, E> {
         fit.held_out + self.prior_weight(fit.cost) * self.penalty(&fit.members, &fit.theta)
     }
 
-    fn believed(&self, base: &Fit, fit: &Fit, c: usize, least: f64) -> bool {
-        let significant = self.candidates[c].free.iter().any(|i| {
+    /// Candidates to fit beside `base`, from where: what is given, what lines promise most of, and, where the cost is rough, what most was seen of.
+    fn tried(
+        &self,
+        base: &Fit,
+        open: &[usize],
+        least: f64,
+        hint: Option<&Fit>,
+    ) -> Vec<(usize, Vec<f64>)> {
+        let hinted = hint.and_then(|h| Some((*h.members.first()?, h.theta.clone())));
+        let strained = open.iter().filter(|c| self.strained(base, **c));
+        let mut out: Vec<(usize, Vec<f64>)> = hinted
+            .into_iter()
+            .chain(strained.map(|c| (*c, base.theta.clone())))
+            .collect();
+        // What is tried in any case takes no one's turn.
+        let mut taken = Vec::new();
+        let (mut leads, from) = self.screen(base, open);
+        let mut take = |leads: &[Lead], most: usize, cost: fn(&Lead) -> f64| {
+            for lead in leads {
+                let gains = cost(lead) <= from - 0.3 * least;
+                if gains && taken.len() < most && !taken.contains(&lead.candidate) {
+                    taken.push(lead.candidate);
+                    out.push((lead.candidate, lead.theta.clone()));
+                }
+            }
+        };
+        take(&leads, self.limits.refined, |l| l.promised);
+        if self.limits.rough {
+            leads.sort_by(|a, b| a.seen.total_cmp(&b.seen));
+            take(&leads, self.limits.refined + SEEN, |l| l.seen);
+        }
+        out
+    }
+
+    /// Whether candidate `c` is in `fit` more than an error of what is measured, of tolerances, or of simulators of one law.
+    fn significant(&self, fit: &Fit, c: usize) -> bool {
+        self.candidates[c].free.iter().any(|i| {
             let x = &self.coordinates[*i];
             let off = (fit.theta[*i] - x.neutral).abs();
             // Less than the step of a slope is what two simulators of one law differ by; where the cost is rough, steps are wide.
-            let seen = self.limits.rough || off > x.step;
+            let seen = off > x.step * if self.limits.rough { WIDE } else { 1.0 };
             seen && off > 3.0 * fit.deviation[*i] && off > self.limits.beyond * x.sigma
-        });
+        })
+    }
+
+    fn believed(&self, base: &Fit, fit: &Fit, c: usize, least: f64) -> bool {
         let gain = self.told(base) - self.told(fit);
         // Where the cost is rough, some play or spring, or some direction of an anisotropy, mends a window or two everywhere: a small gain must be one on every
         // gait.
@@ -469,9 +500,8 @@ impl<E: Evaluate> Search<'_, E> {
             effect.stage() == Stage::Transmission || effect == Effect::FrictionAnisotropy;
         let clear = gain >= CLEAR * least;
         let agreed = !(self.limits.rough && one_of_many) || clear || on_all(base, fit);
-        let most = on_most(base, fit, clear.then_some(gain))
-            || where_it_acts(base, fit, self.limits.floor);
-        gain >= least && most && agreed && significant
+        let most = on_most(base, fit, gain, clear) || where_it_acts(base, fit, self.limits.floor);
+        gain >= least && most && agreed && self.significant(fit, c)
     }
 
     /// The fit with one member taken out and the rest fitted again.

@@ -1,5 +1,6 @@
 //! What could stand in the place of an effect.
 
+use super::screen::Lead;
 use super::search::Search;
 use super::terms::{Evaluate, Fit, Rival};
 use crate::vocabulary::Effect;
@@ -87,7 +88,12 @@ impl<E: Evaluate> Search<'_, E> {
         };
         let mut out: Vec<Rival> = same.into_iter().map(renamed).collect();
         out.extend(open.iter().filter_map(|c| self.twin(full, member, *c)));
-        for (c, theta, _) in self.screen(&without, &open).0 {
+        for Lead {
+            candidate: c,
+            theta,
+            ..
+        } in self.screen(&without, &open).0
+        {
             if out.len() >= most {
                 break;
             }
