@@ -69,11 +69,11 @@ fn candidate(effect: Effect, free: &[usize], starts: &[&[f64]]) -> Candidate {
     }
 }
 
-fn search<'a>(
-    line: &'a Line,
+fn search<'a, E: Evaluate>(
+    line: &'a E,
     coordinates: &'a [Coordinate],
     candidates: &'a [Candidate],
-) -> Search<'a, Line> {
+) -> Search<'a, E> {
     Search {
         model: line,
         coordinates,
@@ -183,6 +183,34 @@ fn two_torques_that_are_one_become_it() {
             merged.is_none_or(|fit| fit.members == [2] && (fit.theta[BOTH] - 0.8).abs() < 0.03)
         );
     }
+}
+
+/// A line that cannot be simulated where the second number is far off.
+struct Broken(Line);
+
+impl Evaluate for Broken {
+    fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>> {
+        let mut out = self.0.residuals(theta);
+        if theta[SECOND] < -10.0 {
+            out.iter_mut().for_each(|gait| gait.fill(f64::NAN));
+        }
+        out
+    }
+}
+
+#[test]
+fn what_cannot_be_simulated_explains_nothing_though_a_line_promises_all() {
+    let candidates = [
+        candidate(Effect::AsymmetricFriction, &[SECOND], &[&[-0.3]]),
+        candidate(Effect::JointOffset, &[FIRST], &[&[0.5]]),
+    ];
+    let mut coordinates = coordinates();
+    coordinates[SECOND].range[0] = -12.0;
+    let nominal: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
+    let line = Broken(Line::new([1.0, 20.0, -12.0], 9));
+    let search = search(&line, &coordinates, &candidates);
+    let found = search.answer(search.fit(&nominal, &[], 4), nominal);
+    assert_eq!(named(&found), [Effect::JointOffset]);
 }
 
 /// Two effects whose sum another one imitates so well that it gains most at first. What it leaves only a negative number would mend, and one of the two is
