@@ -259,7 +259,7 @@ pub fn diagnose(
     let camera = camera::Tier::new(&seen.data, manifest, model, films, &seen.split.fit)
         .map(|tier| camera::diagnose(tier, manifest, model, &settings.withhold));
     let score = task.score(&seen, &joints, &loads, camera.is_some());
-    last_word::refuted(&score, &mut joints);
+    last_word::refuted(&score, &mut joints, seen.body.is_some());
     let score_runs = seen.split.score;
     let parts = Parts {
         body: seen.body,

@@ -358,6 +358,8 @@ pub(super) struct Found {
     pub(super) late: bool,
     /// The effects found bend to a law that they are not.
     pub(super) astray: bool,
+    /// The scored runs have refuted an effect that took most of a plain gap away: it bent to a law that it is not.
+    pub(super) refuted: bool,
     /// Regime that holds most of the gap.
     pub(super) regime: &'static str,
 }
@@ -505,24 +507,39 @@ pub(super) fn diagnose(
     {
         answer.drop_member(at, without);
     }
-    let answer = limited(answer, &tier);
-    let (base, last) = (&answer.steps[0].theta, &answer.last().theta);
-    let named = !answer.last().members.is_empty();
-    Found {
-        law: open::law(&tier, last),
-        rival: if named {
-            open::rival(&tier, base, last)
+    let mut found = Found {
+        late: nameless_delay(&answer, conventions.echo[tier.joint].late_s),
+        answer: limited(answer, &tier),
+        tier,
+        law: Law::default(),
+        rival: 0.0,
+        odd: false,
+        rest: Stage::Driver,
+        gap: Stage::Driver,
+        astray: false,
+        refuted: false,
+        regime: "all",
+    };
+    found.look();
+    found
+}
+
+impl Found {
+    /// Looks at what the effects found leave.
+    pub(super) fn look(&mut self) {
+        let (tier, answer) = (&self.tier, &self.answer);
+        let (base, last) = (&answer.steps[0].theta, &answer.last().theta);
+        let named = !answer.last().members.is_empty();
+        self.law = open::law(tier, last);
+        self.rival = if named {
+            open::rival(tier, base, last)
         } else {
             0.0
-        },
-        rest: regime::rest(&tier, last),
-        gap: regime::rest(&tier, base),
-        astray: false,
-        regime: regime::regime(&tier, &answer.nominal, last, named),
-        odd: false,
-        late: nameless_delay(&answer, conventions.echo[tier.joint].late_s),
-        answer,
-        tier,
+        };
+        self.rest = regime::rest(tier, last);
+        self.gap = regime::rest(tier, base);
+        self.regime = regime::regime(tier, &answer.nominal, last, named);
+        (self.odd, self.astray) = (false, false);
     }
 }
 

@@ -114,11 +114,20 @@ fn better_off(angle_rad: Option<[f64; 2]>, torque_nm: Option<[f64; 2]>) -> bool 
     (worse && !to(torque_nm, 1.0 - REPAID)) || !useful
 }
 
+/// Whether an effect that the scored runs refute took so much away, from the cost `without` it to that `with` it, that something is there which it bent to: a ripple
+/// took 5.2 of the 5.7 squared tolerances of a hysteretic spring (an emulated robot).
+fn bends(with: f64, without: f64) -> bool {
+    const PLAIN: f64 = 3.0;
+    const MOST: f64 = 0.5;
+    without > PLAIN && with < MOST * without
+}
+
 /// Takes the effects of joints away that the scored runs refute: their angles are foretold far worse with them and their torques hardly better, or neither of
-/// them better. What the link shows is not among these.
-pub(super) fn refuted(score: &Score, joints: &mut [Found]) {
+/// them better. What the link shows is not among these. What is left is marked again where loads are `replayed` or not.
+pub(super) fn refuted(score: &Score, joints: &mut [Found], replayed: bool) {
     for at in 0..joints.len() {
         let mut m = 0;
+        let found = joints[at].answer.last().members.len();
         while m < joints[at].answer.last().members.len() {
             let state = |own: &Fit| State {
                 joints: (joints.iter().enumerate())
@@ -133,12 +142,17 @@ pub(super) fn refuted(score: &Score, joints: &mut [Found]) {
             let rows = score.by_joint(&state(&without), &state(joints[at].answer.last()));
             let row = &rows[at];
             if !joints[at].tier.has_link() && better_off(row.angle_rad, row.torque_nm) {
+                joints[at].refuted |= bends(joints[at].answer.last().cost, without.cost);
                 joints[at].answer.drop_member(m, without);
             } else {
                 m += 1;
             }
         }
+        if m < found {
+            joints[at].look();
+        }
     }
+    mark(joints, replayed);
 }
 
 impl Found {
@@ -174,6 +188,7 @@ pub(super) fn drop_lone_clocks(joints: &mut [Found]) {
         if let Some(m) = clock(f) {
             let without = f.answer.removed_alone[m].0.clone();
             f.answer.drop_member(m, without);
+            f.look();
         }
     }
 }
@@ -205,6 +220,7 @@ pub(super) fn mark(found: &mut [Found], replayed: bool) {
             // Laws are those of torques.
             f.rest = Stage::Drivetrain;
         }
+        f.odd |= f.refuted;
         if f.bent() {
             (f.astray, f.rest) = (true, f.gap);
         }
@@ -223,7 +239,7 @@ mod tests {
     use super::super::search::Candidate;
     use super::super::terms::samples::{fit, found};
     use super::{
-        Answer, Coordinate, Effect, Law, better_off, doubted, outside, unhurried, weightless,
+        Answer, Coordinate, Effect, Law, bends, better_off, doubted, outside, unhurried, weightless,
     };
 
     /// An answer with these effects: number of their coordinates, what each is, and the gain over its threshold.
@@ -336,6 +352,7 @@ mod tests {
         ] {
             assert_eq!(better_off(Some(angle_rad), torque_nm), goes, "{what}");
         }
+        assert!(bends(0.5, 5.7) && !bends(0.5, 1.6) && !bends(4.0, 5.7));
     }
 
     #[test]

@@ -109,7 +109,7 @@ fn largest(samples: &[(usize, Left)]) -> f64 {
 }
 
 /// A law in what a model leaves of a joint's torque.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Law {
     /// Share of the squares of gaits left out that it predicts.
     pub(super) share: f64,
