@@ -498,7 +498,8 @@ pub(super) fn diagnose(
     let base = search.fit(&base.theta, &[], 3);
     let sure = late(&search, &base, conventions.echo[tier.joint].late_s);
     let mut answer = search.answer_with(base.clone(), nominal.clone(), sure.into());
-    if answer.last().members.is_empty() && !withhold.contains(&Effect::ThermalDerating) {
+    let derates = tier.torque && !withhold.contains(&Effect::ThermalDerating);
+    if answer.last().members.is_empty() && derates {
         answer = weakened(&search, base, nominal).unwrap_or(answer);
     }
     while let Some((at, without)) = doubted(&answer, &coordinates, around.mixed)

@@ -482,11 +482,14 @@ impl<E: Evaluate> Search<'_, E> {
 
     /// Whether candidate `c` is in `fit` more than an error of what is measured, of tolerances, or of simulators of one law.
     fn significant(&self, fit: &Fit, c: usize) -> bool {
-        self.candidates[c].free.iter().any(|i| {
+        let candidate = &self.candidates[c];
+        // Less than the step of a slope is what two simulators of one law differ by; where the cost is rough, steps are wide. Windows beside another ground
+        // or another order of joints ask for a torsional friction of up to that step (1.8 to 3 mm on three emulated robots without one).
+        let wide = self.limits.rough && candidate.effect != Effect::TorsionalFriction;
+        candidate.free.iter().any(|i| {
             let x = &self.coordinates[*i];
             let off = (fit.theta[*i] - x.neutral).abs();
-            // Less than the step of a slope is what two simulators of one law differ by; where the cost is rough, steps are wide.
-            let seen = off > x.step * if self.limits.rough { WIDE } else { 1.0 };
+            let seen = off > x.step * if wide { WIDE } else { 1.0 };
             seen && off > 3.0 * fit.deviation[*i] && off > self.limits.beyond * x.sigma
         })
     }
