@@ -14,6 +14,7 @@ mod body_rest;
 mod bounce;
 mod camera;
 mod clock;
+mod collapse;
 mod conventions;
 mod course;
 pub mod data;
@@ -261,7 +262,7 @@ pub fn diagnose(
     let score = task.score(&seen, &joints, &loads, camera.is_some());
     last_word::refuted(&score, &mut joints, seen.body.is_some());
     let score_runs = seen.split.score;
-    let parts = Parts {
+    let mut parts = Parts {
         body: seen.body,
         camera,
         data: seen.data,
@@ -273,7 +274,10 @@ pub fn diagnose(
         joints,
         friction: model.value(Key::Friction),
     };
-    let (verdict, joints) = answer::verdict(&parts, &score, settings);
+    let (mut verdict, mut joints) = answer::verdict(&parts, &score, settings);
+    if collapse::refuted(&mut parts, &verdict, model, &score_runs) {
+        (verdict, joints) = answer::verdict(&parts, &score, settings);
+    }
     let mut out = Diagnosis {
         model: model.clone(),
         verdict,

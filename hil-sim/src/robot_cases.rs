@@ -81,6 +81,25 @@ impl SeenBy {
     }
 }
 
+/// What a recording may lack.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Signal {
+    /// The set-points that the drivers applied.
+    Echo,
+    /// Speeds of the joints.
+    Velocity,
+    /// Currents of the motors.
+    Current,
+    /// Duty cycles of the motors.
+    Duty,
+    /// Voltage of the bus.
+    Bus,
+    /// Temperatures of the motors.
+    Temperature,
+    /// Rate gyro and accelerometer of the base.
+    Inertial,
+}
+
 /// What a case is made of, all of it drawn from a seed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
@@ -94,6 +113,8 @@ pub struct Plan {
     pub planted: Vec<Planted>,
     /// Who saw the robot move.
     pub seen_by: SeenBy,
+    /// What was not recorded.
+    pub without: Vec<Signal>,
     /// Length of a run, s.
     pub duration_s: f64,
 }
@@ -179,6 +200,7 @@ pub fn plan_anew(seed: u64, index: usize, times: u32) -> Plan {
             SeenBy::Tracker
         },
         planted,
+        without: Vec::new(),
         // Chosen: two cycles of the paper's 0.2 Hz and a bit.
         duration_s: 12.0,
     }
@@ -249,7 +271,7 @@ pub fn case(plan: &Plan, gaits: &[Gait]) -> Result<Case, RobotCaseError> {
             let mut noise = Rng::new(plan.seed, 0x4E, run.1);
             files.push((
                 format!("{name}.csv"),
-                write::csv(&track, plan.seen_by.tracker(), &mut noise).into_bytes(),
+                write::csv(&track, plan, &mut noise).into_bytes(),
             ));
             if plan.seen_by.camera() {
                 files.extend(write::film(&truth.camera, &track, &name, &mut noise));

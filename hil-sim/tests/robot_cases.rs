@@ -3,7 +3,9 @@
 use control::gait::Gait;
 use files::dataset::Signal;
 use files::dataset::{Manifest, Recording};
-use hil_sim::robot_cases::{Case, Plan, RobotCaseError, SeenBy, case, plan, plan_anew, planted};
+use hil_sim::robot_cases::{
+    Case, Plan, RobotCaseError, SeenBy, Signal as Lacking, case, plan, plan_anew, planted,
+};
 
 fn gait(name: &str) -> Gait {
     let path = format!("{}/../gaits/{name}.toml", env!("CARGO_MANIFEST_DIR"));
@@ -33,9 +35,7 @@ fn text<'a>(c: &'a Case, name: &str) -> &'a str {
 fn cases_repeat_by_seed_and_are_data_sets() {
     let gaits = [gait("crawl")];
     let plan = short(&[("coulomb_friction", Some(2), &[0.5])]);
-    let started = std::time::Instant::now();
     let a = case(&plan, &gaits).expect("possible");
-    eprintln!("{:?}", started.elapsed());
     assert_eq!(a, case(&plan, &gaits).expect("possible"));
     let (manifest, _) = Manifest::parse("dataset.toml", text(&a, "dataset.toml")).expect("valid");
     assert_eq!(manifest.runs.len(), 3);
@@ -174,4 +174,55 @@ fn a_robot_that_flies_apart_is_no_case_and_another_is_drawn() {
     assert!(matches!(made, Err(RobotCaseError::Impossible)));
     assert_eq!(plan_anew(1, 7, 0), plan(1, 7));
     assert_ne!(plan_anew(1, 7, 1), plan(1, 7));
+}
+
+/// Columns of the first run by name.
+fn columns(c: &Case) -> std::collections::BTreeMap<&str, Vec<&str>> {
+    let mut lines = text(c, "crawl_0.csv").lines().map(|l| l.split(','));
+    let names: Vec<&str> = lines.next().expect("a head").collect();
+    let rows: Vec<Vec<&str>> = lines.map(Iterator::collect).collect();
+    assert!(rows.iter().all(|r| r.len() == names.len()));
+    let column = |k: usize| rows.iter().map(|r| r[k]).collect();
+    (0..names.len()).map(|k| (names[k], column(k))).collect()
+}
+
+#[test]
+fn what_is_not_recorded_is_missing_and_changes_nothing_else() {
+    let gaits = [gait("crawl")];
+    let full = short(&[("jitter", Some(2), &[0.03])]);
+    let everything = case(&full, &gaits).expect("possible");
+    let all = columns(&everything);
+    for (without, gone) in [
+        (Lacking::Echo, "applied_setpoint_rad_"),
+        (Lacking::Velocity, "velocity_rad_s_"),
+        (Lacking::Current, "current_a_"),
+        (Lacking::Duty, "duty_"),
+        (Lacking::Bus, "bus_v"),
+        (Lacking::Temperature, "temperature_c_"),
+        (Lacking::Inertial, "gyro_rad_s_"),
+    ] {
+        let plan = Plan {
+            without: vec![without],
+            ..full.clone()
+        };
+        let made = case(&plan, &gaits).expect("possible");
+        let some = columns(&made);
+        for (name, values) in &all {
+            let also = without == Lacking::Inertial && name.starts_with("accel_m_s2_");
+            let missing = name.starts_with(gone) || also;
+            assert_eq!(
+                some.get(name),
+                (!missing).then_some(values),
+                "{without:?} {name}"
+            );
+        }
+        assert_eq!(made.label.floors, everything.label.floors);
+        // The echo shows a jitter by far the best.
+        let [less, any] = [&made, &everything].map(|c| c.label.floors_any[0]);
+        assert_eq!(
+            less < any,
+            without == Lacking::Echo,
+            "{without:?} {less} {any}"
+        );
+    }
 }

@@ -110,7 +110,8 @@ fn effects(s: &mut String, v: &Verdict) {
         );
     }
     let p = &v.probabilities;
-    let named: f64 = v.effects.iter().map(|e| e.confidence).sum();
+    // The sum of nothing is -0.
+    let named = 0.0 + v.effects.iter().map(|e| e.confidence).sum::<f64>();
     let _ = write!(
         s,
         "\nProbability that what is named is the cause: {named:.2}, of no gap: {:.2}, of a cause outside the library: {:.2}.\n",

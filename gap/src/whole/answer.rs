@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::belief::{Belief, Remainder};
 use super::found::{self, Item};
 use super::score::{JointRow, Metrics, Score, State, bootstrap, unit};
-use super::{Parts, Settings, conventions, places, search, unseen};
+use super::{Parts, Settings, conventions, joints, places, search, unseen};
 use crate::math;
 use crate::sentence::{fall, listed};
 use crate::verdict::*;
@@ -310,6 +310,9 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
     let effects = rows(&items, &s, &belief);
     let place = places::places(d, &items, settings);
     let ambiguous = ambiguous(&items);
+    let echo = &d.conventions.echo;
+    let unheard = |f: &joints::Found| f.late && echo[f.tier.joint].late_s.is_none();
+    let late = d.joints.iter().any(unheard);
     let metrics = s
         .before
         .keys()
@@ -350,7 +353,7 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
         verdict: word,
         sentence: sentence(word, &gap, &effects, &place),
         partial: false,
-        next_experiment: found::next(&ambiguous, word),
+        next_experiment: found::next(&ambiguous, word, late),
         unseen: unseen::unseen(d, settings),
         pulled: BTreeMap::new(),
         displaced: Vec::new(),

@@ -67,9 +67,6 @@ impl Found {
     }
 }
 
-/// Cost above which offsets may be large.
-const WRONG: f64 = 4.0;
-
 /// Diagnoses the body.
 pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Found {
     let mut coordinates = coordinates(&tier.model);
@@ -108,7 +105,7 @@ pub(super) fn diagnose(data: &Data, mut tier: Tier, withhold: &[Effect]) -> Foun
     if (tier.maps, tier.order) != told {
         tier.settle(data, start.clone());
     }
-    if super::least::cost(&tier.residuals(&start)) > WRONG {
+    if super::least::cost(&tier.residuals(&start)) > body_order::FAR {
         widen(&mut candidates);
     }
     let (c, k) = (&coordinates[..], &candidates[..]);

@@ -10,8 +10,8 @@ use super::search::Fit;
 /// Cost below which no other order of joints and no other sign is tried: turned end cubes alone show 3.5; robots without a cause show up to
 /// 1.7 (emulated robots), so that few of them try in vain.
 const RIGHT: f64 = 1.6;
-/// Cost from which exchanges one by one lead nowhere.
-const FAR: f64 = 4.0;
+/// Cost from which exchanges one by one lead nowhere, and offsets may be large.
+pub(super) const FAR: f64 = 4.0;
 
 /// What a cost must fall to for another order or other signs to be taken: a robot whose joints are right gains nothing by turning one round
 /// that matters, and little by one that hardly does.

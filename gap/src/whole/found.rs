@@ -506,8 +506,8 @@ pub(super) fn separate_by(effects: &[Effect]) -> &'static str {
     }
 }
 
-/// The next experiment.
-pub(super) fn next(classes: &[Ambiguous], word: Word) -> Option<NextExperiment> {
+/// The next experiment; `late` where set-points come otherwise than they were sent and no echo tells how.
+pub(super) fn next(classes: &[Ambiguous], word: Word, late: bool) -> Option<NextExperiment> {
     let make = |text: String, separates: Vec<Effect>| {
         Some(NextExperiment {
             text,
@@ -527,6 +527,10 @@ pub(super) fn next(classes: &[Ambiguous], word: Word) -> Option<NextExperiment> 
         );
     }
     match word {
+        Word::Unknown if late => make(
+            "Record applied_setpoint_rad as the driver echoes it: it shows whether set-points are late, jitter or are lost.".into(),
+            vec![Effect::Latency, Effect::Jitter, Effect::PacketLoss],
+        ),
         Word::Unknown => make(
             "Record each joint alone in the air (slow triangle, then chirp) with current and link angle, three repeats each: it shows whether the remainder lies before or behind the gear.".into(),
             Vec::new(),

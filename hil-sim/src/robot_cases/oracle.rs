@@ -4,7 +4,7 @@ use control::gait::Gait;
 
 use super::machine::{Machine, Sample, Snapshot};
 use super::reality::{CameraTruth, Reality};
-use super::{JOINTS, Plan, SAMPLE_TICKS, write};
+use super::{JOINTS, Plan, SAMPLE_TICKS, Signal, write};
 
 /// Samples of a window.
 const WINDOW: usize = 1000 / SAMPLE_TICKS as usize;
@@ -28,6 +28,19 @@ fn noise(channel: usize) -> f64 {
         c if c < BASE => write::GYRO_RAD_S,
         c if c < BASE + 3 => write::BASE_M,
         _ => write::TURN_RAD,
+    }
+}
+
+/// What a channel belongs to; angles and base pose are always recorded.
+fn signal(channel: usize) -> Option<Signal> {
+    match channel {
+        c if c < JOINTS => None,
+        c if c < 2 * JOINTS => Some(Signal::Current),
+        c if c < 3 * JOINTS => Some(Signal::Duty),
+        c if c < 4 * JOINTS => Some(Signal::Echo),
+        c if c == 4 * JOINTS => Some(Signal::Bus),
+        c if c < BASE => Some(Signal::Inertial),
+        _ => None,
     }
 }
 
@@ -120,7 +133,8 @@ pub(super) fn floors(plan: &Plan, gaits: &[Gait], truth: &Reality) -> Option<Vec
             |range: &mut dyn Iterator<Item = usize>| range.map(|c| size(s, c)).fold(0.0, f64::max);
         let film = if plan.seen_by.camera() { film } else { 0.0 };
         let main = of(&mut (0..JOINTS)).max(of(&mut pose.clone())).max(film);
-        (main, of(&mut (0..CHANNELS)).max(film))
+        let recorded = |c: &usize| signal(*c).is_none_or(|x| !plan.without.contains(&x));
+        (main, of(&mut (0..CHANNELS).filter(recorded)).max(film))
     });
     Some(sizes.collect())
 }

@@ -10,7 +10,7 @@ use control::robot::RobotModel;
 
 use super::machine::Sample;
 use super::reality::CameraTruth;
-use super::{CAMERA_HEIGHT_M, JOINTS, Plan, REPEATS};
+use super::{CAMERA_HEIGHT_M, JOINTS, Plan, REPEATS, Signal};
 use crate::rng::Rng;
 
 /// Noise of a sensor, 1 sigma. Encoder: 10 urad edges and a shaft that trembles; speed: differences over 10 ms; current and duty: X-series
@@ -66,66 +66,81 @@ pub(super) fn manifest(plan: &Plan, gaits: &[Gait]) -> String {
     s
 }
 
-/// Columns of a joint.
-const COLUMNS: [&str; 7] = [
-    "setpoint_rad",
-    "applied_setpoint_rad",
-    "position_rad",
-    "velocity_rad_s",
-    "current_a",
-    "duty",
-    "temperature_c",
+/// Columns of a joint, and what they belong to; set-points and angles are always recorded.
+const COLUMNS: [(&str, Option<Signal>); 7] = [
+    ("setpoint_rad", None),
+    ("applied_setpoint_rad", Some(Signal::Echo)),
+    ("position_rad", None),
+    ("velocity_rad_s", Some(Signal::Velocity)),
+    ("current_a", Some(Signal::Current)),
+    ("duty", Some(Signal::Duty)),
+    ("temperature_c", Some(Signal::Temperature)),
 ];
 
-pub(super) fn csv(track: &[Sample], tracked: bool, noise: &mut Rng) -> String {
-    let mut s = String::from("t_s,bus_v");
+/// Rows of a run as `plan` has them recorded. What is not recorded has its noise all the same: the rest stays as it is.
+pub(super) fn csv(track: &[Sample], plan: &Plan, noise: &mut Rng) -> String {
+    let inertial = !plan.without.contains(&Signal::Inertial);
+    let mut s = String::from("t_s");
+    if !plan.without.contains(&Signal::Bus) {
+        s.push_str(",bus_v");
+    }
     for k in 0..JOINTS {
-        for column in COLUMNS {
-            let _ = write!(s, ",{column}_{k}");
+        for (column, signal) in COLUMNS {
+            if signal.is_none_or(|x| !plan.without.contains(&x)) {
+                let _ = write!(s, ",{column}_{k}");
+            }
         }
     }
-    if tracked {
-        s.push_str(
-            ",gyro_rad_s_x,gyro_rad_s_y,gyro_rad_s_z,accel_m_s2_x,accel_m_s2_y,accel_m_s2_z",
-        );
+    if plan.seen_by.tracker() {
+        if inertial {
+            s.push_str(
+                ",gyro_rad_s_x,gyro_rad_s_y,gyro_rad_s_z,accel_m_s2_x,accel_m_s2_y,accel_m_s2_z",
+            );
+        }
         s.push_str(",base_x_m,base_y_m,base_z_m,base_qw,base_qx,base_qy,base_qz");
     }
     s.push('\n');
     for (row, sample) in track.iter().enumerate() {
-        joints(&mut s, sample, noise);
-        if tracked {
-            base(&mut s, row, sample, noise);
+        joints(&mut s, sample, &plan.without, noise);
+        if plan.seen_by.tracker() {
+            base(&mut s, row, sample, inertial, noise);
         }
         s.push('\n');
     }
     s
 }
 
-fn joints(s: &mut String, x: &Sample, noise: &mut Rng) {
+fn joints(s: &mut String, x: &Sample, without: &[Signal], noise: &mut Rng) {
     let mut n = |sigma: f64| sigma * noise.normal();
-    let _ = write!(s, "{:.3},{:.2}", x.t_s, x.bus_v + n(BUS_V));
+    let _ = write!(s, "{:.3}", x.t_s);
+    let bus_v = x.bus_v + n(BUS_V);
+    if !without.contains(&Signal::Bus) {
+        let _ = write!(s, ",{bus_v:.2}");
+    }
     for k in 0..JOINTS {
-        let _ = write!(
-            s,
-            ",{:.5},{:.5},{:.5},{:.4},{:.4},{:.3},{:.0}",
-            x.sent_rad[k],
-            x.applied_rad[k],
-            x.encoder_rad[k] + n(POSITION_RAD),
-            x.speed_rad_s[k] + n(SPEED_RAD_S),
-            x.current_a[k] + n(CURRENT_A),
-            (x.duty[k] + n(DUTY)).clamp(-1.0, 1.0),
-            x.case_c[k]
-        );
+        let values = [
+            (x.sent_rad[k], 5),
+            (x.applied_rad[k], 5),
+            (x.encoder_rad[k] + n(POSITION_RAD), 5),
+            (x.speed_rad_s[k] + n(SPEED_RAD_S), 4),
+            (x.current_a[k] + n(CURRENT_A), 4),
+            ((x.duty[k] + n(DUTY)).clamp(-1.0, 1.0), 3),
+            (x.case_c[k], 0),
+        ];
+        for ((value, digits), (_, signal)) in values.into_iter().zip(COLUMNS) {
+            if signal.is_none_or(|x| !without.contains(&x)) {
+                let _ = write!(s, ",{value:.digits$}");
+            }
+        }
     }
 }
 
-fn base(s: &mut String, row: usize, x: &Sample, noise: &mut Rng) {
+fn base(s: &mut String, row: usize, x: &Sample, inertial: bool, noise: &mut Rng) {
     let mut n = |sigma: f64| sigma * noise.normal();
-    for v in x.gyro_rad_s {
-        let _ = write!(s, ",{:.4}", v + n(GYRO_RAD_S));
-    }
-    for v in x.accel_m_s2 {
-        let _ = write!(s, ",{:.3}", v + n(ACCEL_M_S2));
+    let rates = x.gyro_rad_s.map(|v| (v + n(GYRO_RAD_S), 4));
+    let forces = x.accel_m_s2.map(|v| (v + n(ACCEL_M_S2), 3));
+    for (value, digits) in rates.into_iter().chain(forces).filter(|_| inertial) {
+        let _ = write!(s, ",{value:.digits$}");
     }
     // The tracker runs at half the rate of the rows.
     if row.is_multiple_of(2) {

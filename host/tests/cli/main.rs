@@ -17,6 +17,7 @@ mod gap_film;
 mod gap_next;
 mod gap_runs;
 mod gap_withheld;
+mod gap_without;
 mod hybrid;
 mod matching;
 mod model;

@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use hil_sim::bench_cases;
-use hil_sim::robot_cases::SeenBy;
+use hil_sim::robot_cases::{SeenBy, Signal};
 use serde_json::{Value, json};
 
 use super::{blind_whole, input, score_joint};
@@ -46,12 +46,48 @@ pub(super) struct Args {
     /// Gait files for --make-case instead of the shipped ones
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "make_case")]
     gait: Vec<PathBuf>,
+    /// Leave these signals out of whole-robot cases, as on robots that do not have them
+    #[arg(long, value_enum, value_name = "SIGNAL", value_delimiter = ',')]
+    without: Vec<Without>,
     /// Add silhouettes to the case of --make-case
     #[arg(long)]
     filmed: bool,
     /// Leave base pose and inertial sensor out of that case: the silhouettes alone show where the robot is
     #[arg(long, requires = "filmed")]
     untracked: bool,
+}
+
+/// Signals that a whole-robot case can do without: [`Signal`].
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Without {
+    /// Set-points that the drivers applied
+    Echo,
+    /// Speeds of the joints
+    Velocity,
+    /// Currents of the motors
+    Current,
+    /// Duty cycles of the motors
+    Duty,
+    /// Voltage of the bus
+    Bus,
+    /// Temperatures of the motors
+    Temperature,
+    /// Rate gyro and accelerometer of the base
+    Inertial,
+}
+
+impl From<Without> for Signal {
+    fn from(w: Without) -> Self {
+        match w {
+            Without::Echo => Self::Echo,
+            Without::Velocity => Self::Velocity,
+            Without::Current => Self::Current,
+            Without::Duty => Self::Duty,
+            Without::Bus => Self::Bus,
+            Without::Temperature => Self::Temperature,
+            Without::Inertial => Self::Inertial,
+        }
+    }
 }
 
 /// Number of the first of the further nulls.
@@ -62,6 +98,10 @@ const JOINTS: usize = 400;
 impl Args {
     fn cases(&self) -> usize {
         self.cases.unwrap_or(JOINTS)
+    }
+
+    fn without(&self) -> Vec<Signal> {
+        self.without.iter().map(|w| (*w).into()).collect()
     }
 
     fn nulls(&self) -> usize {
@@ -142,7 +182,13 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
             (true, false) => SeenBy::TrackerAndCamera,
             (false, false) => SeenBy::Tracker,
         };
-        return blind_whole::make_case(causes, &gaits, args.seed, seen_by, &args.output, context);
+        let case = blind_whole::Named {
+            causes,
+            seed: args.seed,
+            seen_by,
+            without: args.without(),
+        };
+        return blind_whole::make_case(case, &gaits, &args.output, context);
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let jobs = if args.jobs == 0 { cores } else { args.jobs };
@@ -158,6 +204,7 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
             seed: args.seed,
             jobs,
             leave_out: args.leave_one_out,
+            without: args.without(),
         };
         suite.run(context)?;
     }

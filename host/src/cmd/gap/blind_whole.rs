@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use control::gait::Gait;
-use hil_sim::robot_cases::{self, Case, Label, Plan, Planted, RobotCaseError, SeenBy};
+use hil_sim::robot_cases::{self, Case, Label, Plan, Planted, RobotCaseError, SeenBy, Signal};
 use serde_json::{Value, json};
 
 use super::{blind, input, score_whole, shipped};
@@ -97,15 +97,29 @@ pub(super) fn label_json(label: &Label) -> Value {
     json!({ "name": label.name, "kind": label.kind, "planted": planted })
 }
 
+/// A case by name.
+pub(super) struct Named<'a> {
+    /// Its causes, as [`parse`] reads them.
+    pub(super) causes: &'a str,
+    pub(super) seed: u64,
+    pub(super) seen_by: SeenBy,
+    /// What is not recorded.
+    pub(super) without: Vec<Signal>,
+}
+
 /// `--make-case`: one data set folder whose causes everybody may know; the label stands in it.
 pub(super) fn make_case(
-    causes: &str,
+    case: Named<'_>,
     gaits: &[Gait],
-    seed: u64,
-    seen_by: SeenBy,
     folder: &Path,
     context: &Context,
 ) -> Outcome {
+    let Named {
+        causes,
+        seed,
+        seen_by,
+        without,
+    } = case;
     let seed = DEVELOPMENT_SEED.wrapping_mul(seed);
     let planted = parse(causes, seed)?;
     let camera = planted
@@ -121,6 +135,7 @@ pub(super) fn make_case(
             seen_by
         },
         planted,
+        without,
         ..robot_cases::plan(seed, 1000)
     };
     let label = label_json(&write_case(&plan, gaits, folder)?);
@@ -174,14 +189,19 @@ impl Places {
         Ok(input::hex(&all))
     }
 
-    fn make(&self, seed: u64, index: usize, gaits: usize) -> Outcome {
+    fn make(&self, suite: &Suite<'_>, index: usize) -> Outcome {
         let path = Self::file(&self.labels, index);
         if path.exists() {
             return Ok(());
         }
-        let gaits = shipped::gaits(gaits)?;
-        let draw =
-            |times: u32| robot_cases::case(&robot_cases::plan_anew(seed, index, times), &gaits);
+        let gaits = shipped::gaits(suite.gaits)?;
+        let draw = |times: u32| {
+            let plan = Plan {
+                without: suite.without.clone(),
+                ..robot_cases::plan_anew(suite.seed, index, times)
+            };
+            robot_cases::case(&plan, &gaits)
+        };
         // A robot that flies apart is drawn anew.
         let possible = (0..DRAWS)
             .map(draw)
@@ -247,6 +267,8 @@ pub(super) struct Suite<'a> {
     pub(super) jobs: usize,
     /// Withhold the planted effect of every single.
     pub(super) leave_out: bool,
+    /// What is not recorded.
+    pub(super) without: Vec<Signal>,
 }
 
 impl Suite<'_> {
@@ -257,9 +279,7 @@ impl Suite<'_> {
             "{} whole-robot cases on {} processes",
             self.count, self.jobs
         ));
-        blind::each(self.count, self.jobs, |k| {
-            places.make(self.seed, k, self.gaits)
-        })?;
+        blind::each(self.count, self.jobs, |k| places.make(self, k))?;
         let seal = places.seal(self.count)?;
         blind::write(
             &self.output.join("whole_labels.sha256"),

@@ -328,6 +328,7 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
         planted: blind_whole::parse(&args.plant, args.seed)?,
         duration_s: args.duration,
         seen_by: SeenBy::Tracker,
+        without: Vec::new(),
         ..robot_cases::plan(args.seed, 1000)
     };
     let films = Films::new(context)?;
