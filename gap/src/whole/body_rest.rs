@@ -138,3 +138,23 @@ fn between(tier: &Tier, last: &Fit, left: f64) -> Option<(Stage, Option<usize>)>
     let found = &all[lead.candidate];
     (left - cost > TAKEN * (left - USUAL)).then_some((found.effect.stage(), found.joint))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{CALM, calm};
+
+    #[test]
+    fn what_gaits_with_many_blows_leave_alone_is_no_remainder() {
+        // What gaits leave of emulated robots: without a cause of the body, the last beside a friction of a joint; with one that must not be named.
+        for (costs, speaks) in [
+            (&[0.98, 1.19, 1.63, 1.54][..], false),
+            (&[1.32, 1.69, 2.96, 3.38], false),
+            (&[1.09, 1.96, 3.14, 2.24], false),
+            (&[1.75, 2.20, 3.28, 2.83], true),
+            (&[1.80, 2.91, 2.92, 1.95], true),
+            (&[2.2], true),
+        ] {
+            assert_eq!(calm(costs.to_vec()) > CALM, speaks, "{costs:?}");
+        }
+    }
+}

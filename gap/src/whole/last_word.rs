@@ -220,17 +220,23 @@ fn outside(law: &Law, next: f64, least_nm: f64, ripple: bool) -> bool {
 const SETTLED: f64 = 1.15;
 const STRAY_NM: f64 = 0.05;
 
+/// What the effects of a joint may leave over what the best law leaves, and the size from which a law counts, where laws below `least_nm` are the error of the
+/// loads and the joint `drives` with an effect of its drivetrain or not.
+fn bounds(drives: bool, least_nm: f64) -> [f64; 2] {
+    if drives {
+        [SETTLED, STRAY_NM.min(least_nm)]
+    } else {
+        [open::RIVAL, least_nm]
+    }
+}
+
 /// Marks the joints whose remainder follows a law: one that several joints show comes from the loads, which the body shares; and so does a small
 /// one where the loads are `replayed`.
 pub(super) fn mark(found: &mut [Found], replayed: bool) {
     let least_nm = if replayed { open::LEAST_NM } else { 0.0 };
     let laws: Vec<f64> = found.iter().map(|f| f.law.share).collect();
     for (k, f) in found.iter_mut().enumerate() {
-        let [rival, least_nm] = if f.drives() {
-            [SETTLED, STRAY_NM.min(least_nm)]
-        } else {
-            [open::RIVAL, least_nm]
-        };
+        let [rival, least_nm] = bounds(f.drives(), least_nm);
         let others = laws.iter().enumerate().filter(|l| l.0 != k);
         let next = others.map(|l| *l.1).fold(0.0, f64::max);
         f.odd = outside(&f.law, next, least_nm, f.names(Effect::TorqueRipple));
@@ -257,7 +263,8 @@ mod tests {
     use super::super::search::Candidate;
     use super::super::terms::samples::{fit, found};
     use super::{
-        Answer, Coordinate, Effect, Law, bends, better_off, doubted, outside, unhurried, weightless,
+        Answer, Coordinate, Effect, Law, bends, better_off, bounds, doubted, outside, unhurried,
+        weightless,
     };
 
     /// An answer with these effects: number of their coordinates, what each is, and the gain over its threshold.
@@ -428,5 +435,42 @@ mod tests {
             let law = Law { share, size_nm };
             assert_eq!(outside(&law, next, 0.12, ripple), is, "{what}");
         }
+    }
+
+    #[test]
+    fn a_friction_beside_which_a_law_stays_is_astray() {
+        for (what, drives, [rival, share, size_nm, next], [astray, odd]) in [
+            (
+                "a friction that is one",
+                true,
+                [0.96, 0.05, 0.05, 0.02],
+                [false, false],
+            ),
+            (
+                "a hysteresis told as one",
+                true,
+                [1.25, 0.107, 0.14, 0.017],
+                [true, false],
+            ),
+            (
+                "one that leaves a small law",
+                true,
+                [0.93, 0.32, 0.104, 0.079],
+                [false, true],
+            ),
+            (
+                "a dead band beside a friction that hides",
+                false,
+                [1.25, 0.228, 0.075, 0.113],
+                [false, false],
+            ),
+        ] {
+            let [most, least_nm] = bounds(drives, 0.12);
+            let law = Law { share, size_nm };
+            assert_eq!(rival > most && size_nm > least_nm, astray, "{what}");
+            assert_eq!(outside(&law, next, least_nm, false), odd, "{what}");
+        }
+        // Loads that were measured have no error.
+        assert_eq!(bounds(true, 0.0)[1], 0.0);
     }
 }
