@@ -7,7 +7,7 @@ use super::body_order;
 use super::body_rest::Rest;
 use super::data::Data;
 use super::inertial;
-use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Given, Limits, Search, WIDE};
+use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Given, Limits, Search};
 use super::steady::Change;
 use crate::math;
 use crate::vocabulary::Effect;
@@ -148,11 +148,7 @@ fn faint(tier: &Tier, answer: &Answer, coordinates: &[Coordinate]) -> Option<(us
     let of = |m: &usize| {
         let own = &answer.candidates[*m];
         let scattered = own.effect == Effect::ComOffset && own.free.iter().all(near);
-        scattered
-            || own
-                .free
-                .iter()
-                .all(|b| off(b) <= WIDE * coordinates[*b].step)
+        scattered || own.free.iter().all(|b| off(b) <= coordinates[*b].least)
     };
     let at = last.members.iter().position(of)?;
     Some((at, answer.removed_alone[at].0.clone()))

@@ -381,6 +381,7 @@ fn coordinates(manifest: &Manifest, model: &Model) -> Vec<Coordinate> {
             neutral,
             sigma,
             step,
+            least: step,
             range,
         })
         .collect()

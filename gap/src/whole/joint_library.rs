@@ -25,6 +25,7 @@ fn coordinate(neutral: f64, sigma: f64, step: f64, range: [f64; 2]) -> Coordinat
         neutral,
         sigma,
         step,
+        least: step,
         range,
     }
 }

@@ -26,7 +26,7 @@ pub(super) fn doubted(
         own.free.iter().all(|i| {
             let off = (last.theta[*i] - coordinates[*i].neutral).abs();
             let spread = libm::hypot(last.spread[*i], error);
-            off <= (1.96 * spread).max(coordinates[*i].step)
+            off <= (1.96 * spread).max(coordinates[*i].least)
         })
     };
     let at = last.members.iter().position(doubted)?;
@@ -285,6 +285,7 @@ mod tests {
                 neutral: 0.0,
                 sigma: 0.0,
                 step: 0.01,
+                least: 0.01,
                 range: [-10.0, 10.0],
             };
             theta.len()

@@ -55,6 +55,7 @@ fn coordinates() -> Vec<Coordinate> {
         neutral,
         sigma,
         step: 0.01,
+        least: 0.01,
         range: [-50.0, 50.0],
     };
     vec![of(1.0, 0.1), of(0.0, 0.0), of(0.0, 0.0), of(0.0, 0.0)]
@@ -115,6 +116,20 @@ fn a_nominal_number_beyond_its_tolerance_is_an_effect_though_no_start_leads_ther
         assert_eq!(named(&found), effects, "{truth}");
         let value = found.last().theta[NOMINAL];
         assert!((value - truth).abs() < 0.03, "{truth}: {value}");
+    }
+}
+
+#[test]
+fn a_number_up_to_its_least_is_no_effect_whatever_it_gains() {
+    let friction = [candidate(Effect::ViscousFriction, &[FIRST], &[&[0.5]])];
+    let line = Line::new([1.0, 0.8, 0.0], 4);
+    for (least, count) in [(0.7, 1), (0.9, 0)] {
+        let mut coordinates = coordinates();
+        coordinates[FIRST].least = least;
+        let nominal: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
+        let search = search(&line, &coordinates, &friction);
+        let found = search.answer(search.fit(&nominal, &[], 4), nominal);
+        assert_eq!(found.last().members.len(), count, "{least}");
     }
 }
 

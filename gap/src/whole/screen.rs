@@ -240,6 +240,7 @@ mod tests {
             neutral: 0.0,
             sigma: 0.0,
             step: 0.01,
+            least: 0.01,
             range: [0.0, 2.0],
         };
         let candidate = |effect, i, start| Candidate {

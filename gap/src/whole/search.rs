@@ -21,9 +21,6 @@ const NO_WORSE: f64 = 1.3;
 const CLEAR: f64 = 2.0;
 /// Candidates of a rough cost that are fitted besides because of what was seen of them: a line that promises much may hold nothing there.
 const SEEN: usize = 2;
-/// Share of such a cost's steps that counts as their size: small effects of robots are four tenths of them at least, a spring that two windows asked for was
-/// less than a tenth.
-pub(super) const WIDE: f64 = 0.2;
 /// Standard deviations within which a number may be none.
 const NONE: f64 = 1.96;
 
@@ -482,15 +479,10 @@ impl<E: Evaluate> Search<'_, E> {
 
     /// Whether candidate `c` is in `fit` more than an error of what is measured, of tolerances, or of simulators of one law.
     fn significant(&self, fit: &Fit, c: usize) -> bool {
-        let candidate = &self.candidates[c];
-        // Less than the step of a slope is what two simulators of one law differ by; where the cost is rough, steps are wide. Windows beside another ground
-        // or another order of joints ask for a torsional friction of up to that step (1.8 to 3 mm on three emulated robots without one).
-        let wide = self.limits.rough && candidate.effect != Effect::TorsionalFriction;
-        candidate.free.iter().any(|i| {
+        self.candidates[c].free.iter().any(|i| {
             let x = &self.coordinates[*i];
             let off = (fit.theta[*i] - x.neutral).abs();
-            let seen = off > x.step * if wide { WIDE } else { 1.0 };
-            seen && off > 3.0 * fit.deviation[*i] && off > self.limits.beyond * x.sigma
+            off > x.least && off > 3.0 * fit.deviation[*i] && off > self.limits.beyond * x.sigma
         })
     }
 

@@ -22,6 +22,8 @@ pub(super) struct Coordinate {
     pub(super) sigma: f64,
     /// Step of finite differences.
     pub(super) step: f64,
+    /// Distance from the neutral value up to which it is no effect: by so much two simulators of one law may differ.
+    pub(super) least: f64,
     /// Smallest and largest value.
     pub(super) range: [f64; 2],
 }

@@ -112,6 +112,19 @@ fn a_sealed_robot_is_diagnosed_and_scored() {
     };
     assert!(at("false alarms on nulls") < at("wall time of a diagnosis"));
     assert!(folder.path("w/score.md").exists());
+    // Fewer signals are another suite.
+    let fewer = [&args[..], &["--without", "echo"]].concat();
+    let refused = rb(&folder, &fewer).expect(2);
+    assert!(refused.err.contains("another suite"), "{}", refused.err);
+    // Labels that changed after they were sealed are not scored.
+    fs::write(folder.path("w/whole_labels/robot_0000.json"), "{}").unwrap();
+    let refused = rb(&folder, &args);
+    assert_ne!(refused.code, 0);
+    assert!(
+        refused.err.contains("labels were changed"),
+        "{}",
+        refused.err
+    );
 }
 
 #[test]

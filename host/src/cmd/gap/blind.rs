@@ -248,14 +248,15 @@ fn joints(args: &Args, jobs: usize, context: &Context) -> Outcome {
         labels,
         verdicts,
     } = &folders;
-    same_suite(args)?;
+    let mine = json!({ "seed": args.seed, "cases": args.cases(), "nulls": args.nulls() });
+    same_suite(&args.output, "suite.json", &mine)?;
     context
         .out
         .say(format_args!("{} cases on {jobs} processes", indices.len()));
     each(indices.len(), jobs, |i| {
         make(cases, labels, args.seed, indices[i])
     })?;
-    let seal = sealed(args, labels, &indices)?;
+    let seal = sealed(&args.output.join("labels.sha256"), seal(labels, &indices)?)?;
     context
         .out
         .say(format_args!("labels sealed: sha256 {seal}"));
@@ -275,11 +276,9 @@ fn joints(args: &Args, jobs: usize, context: &Context) -> Outcome {
     score_all(args, &folders, &indices, &seal, context)
 }
 
-/// Hash of the labels, written once; labels that changed since are refused.
-fn sealed(args: &Args, labels: &Path, indices: &[usize]) -> Outcome<String> {
-    let seal = seal(labels, indices)?;
-    let path = args.output.join("labels.sha256");
-    match fs::read_to_string(&path) {
+/// Writes the `seal` of the labels once; labels that changed since are refused.
+pub(super) fn sealed(path: &Path, seal: String) -> Outcome<String> {
+    match fs::read_to_string(path) {
         Ok(before) if before.trim() != seal => {
             let text = format!(
                 "the labels were changed after {} was written; begin again in a new folder",
@@ -289,7 +288,7 @@ fn sealed(args: &Args, labels: &Path, indices: &[usize]) -> Outcome<String> {
         }
         Ok(_) => Ok(seal),
         Err(_) => {
-            write(&path, &format!("{seal}\n"))?;
+            write(path, &format!("{seal}\n"))?;
             Ok(seal)
         }
     }
@@ -336,16 +335,15 @@ fn score_all(
     Ok(())
 }
 
-/// A folder holds one suite: another seed or size there would mix two.
-fn same_suite(args: &Args) -> Outcome {
-    let path = args.output.join("suite.json");
-    let mine =
-        json!({ "seed": args.seed, "cases": args.cases(), "nulls": args.nulls() }).to_string();
+/// A folder holds one suite: another seed or size than those noted in its `file` would mix two.
+pub(super) fn same_suite(folder: &Path, file: &str, mine: &Value) -> Outcome {
+    let path = folder.join(file);
+    let mine = mine.to_string();
     match fs::read_to_string(&path) {
         Ok(there) if there.trim() != mine => {
             let text = format!(
                 "{} holds another suite ({}); give a new folder",
-                args.output.display(),
+                folder.display(),
                 there.trim()
             );
             Err(Failure::say(Exit::Usage, text))

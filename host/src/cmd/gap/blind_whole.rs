@@ -275,16 +275,18 @@ impl Suite<'_> {
     /// Makes, seals, diagnoses, opens and scores; goes on where it stopped.
     pub(super) fn run(&self, context: &Context) -> Outcome {
         let places = Places::new(self.output, self.leave_out)?;
+        let without: Vec<String> = self.without.iter().map(|s| format!("{s:?}")).collect();
+        let mine = json!({
+            "seed": self.seed, "whole": self.count, "gaits": self.gaits, "without": without,
+        });
+        blind::same_suite(self.output, "whole_suite.json", &mine)?;
         context.out.say(format_args!(
             "{} whole-robot cases on {} processes",
             self.count, self.jobs
         ));
         blind::each(self.count, self.jobs, |k| places.make(self, k))?;
-        let seal = places.seal(self.count)?;
-        blind::write(
-            &self.output.join("whole_labels.sha256"),
-            &format!("{seal}\n"),
-        )?;
+        let path = self.output.join("whole_labels.sha256");
+        let seal = blind::sealed(&path, places.seal(self.count)?)?;
         context
             .out
             .say(format_args!("labels sealed: sha256 {seal}"));
