@@ -4,7 +4,7 @@ use super::body::{FLEX, OFFSET, PLAY, RATIO, Tier, of_joint};
 use super::body_answer::{Found, limits};
 use super::body_library::coordinates;
 use super::data::JOINTS;
-use super::search::{Candidate, Coordinate, Evaluate, Fit, Search};
+use super::search::{Candidate, Coordinate, Evaluate, Fit, Limits, Search};
 use crate::math;
 use crate::vocabulary::{Effect, Stage};
 
@@ -78,8 +78,7 @@ impl Found {
             if before - cost > KNOWN * (before - 1.0) {
                 return (0.0, None);
             }
-            let everywhere = calm(super::least::group_costs(&residuals)) > CALM;
-            if cost < LEFT || !everywhere {
+            if cost < LEFT || !everywhere(&residuals) {
                 return (0.0, None);
             }
             (cost / LEFT, between(tier, &last, cost))
@@ -92,11 +91,67 @@ impl Found {
         };
     }
 
+    /// Looks again where the remainder arose, with half the thresholds: that something is there is known. What is found stays where it leaves no remainder.
+    pub(super) fn look_again(&mut self) {
+        let (stage, joint) = self.rest.place;
+        let nothing = self.answer.last().members.is_empty() && self.changes.is_none();
+        if self.rest.evidence == 0.0 || joint.is_none() || !nothing {
+            return;
+        }
+        let mut candidates = self.answer.candidates.clone();
+        for c in &mut candidates {
+            if (c.effect.stage(), c.joint) == (stage, joint) {
+                c.starts.extend(starts(c));
+            } else {
+                c.starts.clear();
+            }
+        }
+        let told = limits(&self.tier);
+        let search = Search {
+            model: &self.tier,
+            coordinates: &coordinates(&self.tier.model),
+            candidates: &candidates,
+            limits: Limits {
+                share: 0.5 * told.share,
+                least: 0.5 * told.least,
+                relative: 0.5 * told.relative,
+                ..told
+            },
+        };
+        let answer = search.answer(self.answer.last().clone(), self.answer.nominal.clone());
+        let theta = &answer.last().theta;
+        let left = self.tier.sharp(|tier| {
+            let residuals = tier.residuals(theta);
+            super::least::cost(&residuals) > LEFT && everywhere(&residuals)
+        });
+        if !answer.last().members.is_empty() && left == Some(false) {
+            self.answer = answer;
+            self.rest = Rest::NONE;
+        }
+    }
+
     /// Stage and joint of what was found first: it mends a part of the gap, and the rest of it is there.
     fn beside(&self) -> Option<(Stage, Option<usize>)> {
         let found = &self.answer.candidates[*self.answer.last().members.first()?];
         Some((found.effect.stage(), found.joint))
     }
+}
+
+/// The values of a free connection that a candidate of a joint starts from besides its own.
+fn starts(c: &Candidate) -> Vec<Vec<f64>> {
+    let of = |all: &[[f64; 2]], which: usize| all.iter().map(|x| vec![x[which]]).collect();
+    match c.effect {
+        Effect::JointOffset => of(&LINES, 0),
+        Effect::JointScale => of(&LINES, 1),
+        Effect::Backlash => of(&GEARS, 0),
+        Effect::Compliance => of(&GEARS, 1),
+        _ => Vec::new(),
+    }
+}
+
+/// Whether the calmer gaits leave something too.
+fn everywhere(residuals: &[Vec<f64>]) -> bool {
+    calm(super::least::group_costs(residuals)) > CALM
 }
 
 /// Mean of the smaller half of the costs of gaits.

@@ -43,6 +43,9 @@ pub(super) struct Rival {
     pub(super) margin: f64,
 }
 
+/// Distance of a ratio from minus one up to which it is that: a scale is known to half a per cent.
+const MIRRORED: f64 = 0.01;
+
 /// An effect found.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Item {
@@ -306,6 +309,16 @@ fn twin(d: &Parts, effect: Effect) -> Option<Rival> {
     })
 }
 
+/// A joint scale of minus one is a sign: of a joint that hardly moves within a run no slope tells, but the places where it stands do.
+fn mirrored(mut item: Item) -> Item {
+    let ratio = item.parameters.get("ratio").map(|p| p.value);
+    if item.effect == Effect::JointScale && ratio.is_some_and(|r| (r + 1.0).abs() < MIRRORED) {
+        item.effect = Effect::JointSign;
+        item.parameters = BTreeMap::from([("sign".to_string(), fixed(-1.0))]);
+    }
+    item
+}
+
 /// One clock drives all joints: what several joints say of it is one finding, with the median of their values.
 fn one_clock(mut items: Vec<Item>) -> Vec<Item> {
     let is_clock = |i: &&Item| i.effect == Effect::ClockSkew && i.joint.is_some();
@@ -417,7 +430,7 @@ fn all(d: &Parts) -> Vec<Item> {
         .map(|i| (i.effect, i.joint))
         .collect();
     out.retain(|i| !matches!(i.place, Place::Joint(..)) || !on_body.contains(&(i.effect, i.joint)));
-    one_clock(out)
+    one_clock(out.into_iter().map(mirrored).collect())
 }
 
 /// Frames that are missing with probability `p`, and its standard deviation.
@@ -436,17 +449,19 @@ fn frame_drop((p, deviation): (f64, f64)) -> Item {
     }
 }
 
+/// A number without error.
+const fn fixed(value: f64) -> Estimate {
+    Estimate {
+        value,
+        ci95: [value, value],
+    }
+}
+
 fn convention(effect: Effect, joint: Option<usize>, key: &str, value: f64) -> Item {
     Item {
         effect,
         joint,
-        parameters: BTreeMap::from([(
-            key.to_string(),
-            Estimate {
-                value,
-                ci95: [value, value],
-            },
-        )]),
+        parameters: BTreeMap::from([(key.to_string(), fixed(value))]),
         // Far above anything that a fit gains; a wrong order outweighs all.
         gain: 1e4,
         strength: 100.0,

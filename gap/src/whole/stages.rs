@@ -242,6 +242,9 @@ impl Task<'_> {
         }
         if let Some(b) = &mut body {
             b.weigh_rest(rough);
+            if !slips && mass.is_none() {
+                b.look_again();
+            }
         }
         seen.body = body;
         let found = seen.body.as_ref();
