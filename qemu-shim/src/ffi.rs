@@ -94,6 +94,11 @@ unsafe extern "C" {
     pub(crate) fn qemu_plugin_tb_n_insns(tb: *const Opaque) -> usize;
     pub(crate) fn qemu_plugin_tb_get_insn(tb: *const Opaque, index: usize) -> *mut Opaque;
     pub(crate) fn qemu_plugin_insn_vaddr(insn: *const Opaque) -> u64;
+    pub(crate) fn qemu_plugin_insn_data(
+        insn: *const Opaque,
+        into: *mut c_void,
+        length: usize,
+    ) -> usize;
     pub(crate) fn qemu_plugin_register_vcpu_insn_exec_cb(
         insn: *mut Opaque,
         callback: extern "C" fn(c_uint, *mut c_void),
