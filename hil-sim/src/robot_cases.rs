@@ -100,6 +100,39 @@ pub enum Signal {
     Inertial,
 }
 
+impl Signal {
+    /// All of them.
+    pub const ALL: [Self; 7] = [
+        Self::Echo,
+        Self::Velocity,
+        Self::Current,
+        Self::Duty,
+        Self::Bus,
+        Self::Temperature,
+        Self::Inertial,
+    ];
+
+    /// Its name on the command line and in files of suites.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Echo => "echo",
+            Self::Velocity => "velocity",
+            Self::Current => "current",
+            Self::Duty => "duty",
+            Self::Bus => "bus",
+            Self::Temperature => "temperature",
+            Self::Inertial => "inertial",
+        }
+    }
+
+    /// The signal of that name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|s| s.name() == name)
+    }
+}
+
 /// What a case is made of, all of it drawn from a seed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {

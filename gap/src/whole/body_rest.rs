@@ -78,7 +78,7 @@ impl Found {
             if before - cost > KNOWN * (before - 1.0) {
                 return (0.0, None);
             }
-            if cost < LEFT || !everywhere(&residuals) {
+            if !speaks(&residuals) {
                 return (0.0, None);
             }
             (cost / LEFT, between(tier, &last, cost))
@@ -120,10 +120,7 @@ impl Found {
         };
         let answer = search.answer(self.answer.last().clone(), self.answer.nominal.clone());
         let theta = &answer.last().theta;
-        let left = self.tier.sharp(|tier| {
-            let residuals = tier.residuals(theta);
-            super::least::cost(&residuals) > LEFT && everywhere(&residuals)
-        });
+        let left = self.tier.sharp(|tier| speaks(&tier.residuals(theta)));
         if !answer.last().members.is_empty() && left == Some(false) {
             self.answer = answer;
             self.rest = Rest::NONE;
@@ -149,9 +146,9 @@ fn starts(c: &Candidate) -> Vec<Vec<f64>> {
     }
 }
 
-/// Whether the calmer gaits leave something too.
-fn everywhere(residuals: &[Vec<f64>]) -> bool {
-    calm(super::least::group_costs(residuals)) > CALM
+/// Whether the simulator misses something of this body: much is left in all, and of the calmer gaits too.
+fn speaks(residuals: &[Vec<f64>]) -> bool {
+    super::least::cost(residuals) > LEFT && calm(super::least::group_costs(residuals)) > CALM
 }
 
 /// Mean of the smaller half of the costs of gaits.

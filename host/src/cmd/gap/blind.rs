@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use hil_sim::bench_cases;
 use hil_sim::robot_cases::{SeenBy, Signal};
 use serde_json::{Value, json};
@@ -47,8 +48,8 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "make_case")]
     gait: Vec<PathBuf>,
     /// Leave these signals out of whole-robot cases, as on robots that do not have them
-    #[arg(long, value_enum, value_name = "SIGNAL", value_delimiter = ',')]
-    without: Vec<Without>,
+    #[arg(long, value_parser = signals(), value_name = "SIGNAL", value_delimiter = ',')]
+    without: Vec<Signal>,
     /// Add silhouettes to the case of --make-case
     #[arg(long)]
     filmed: bool,
@@ -57,37 +58,10 @@ pub(super) struct Args {
     untracked: bool,
 }
 
-/// Signals that a whole-robot case can do without: [`Signal`].
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum Without {
-    /// Set-points that the drivers applied
-    Echo,
-    /// Speeds of the joints
-    Velocity,
-    /// Currents of the motors
-    Current,
-    /// Duty cycles of the motors
-    Duty,
-    /// Voltage of the bus
-    Bus,
-    /// Temperatures of the motors
-    Temperature,
-    /// Rate gyro and accelerometer of the base
-    Inertial,
-}
-
-impl From<Without> for Signal {
-    fn from(w: Without) -> Self {
-        match w {
-            Without::Echo => Self::Echo,
-            Without::Velocity => Self::Velocity,
-            Without::Current => Self::Current,
-            Without::Duty => Self::Duty,
-            Without::Bus => Self::Bus,
-            Without::Temperature => Self::Temperature,
-            Without::Inertial => Self::Inertial,
-        }
-    }
+/// Signals by their names, with the names in the help.
+fn signals() -> impl TypedValueParser<Value = Signal> {
+    PossibleValuesParser::new(Signal::ALL.map(Signal::name))
+        .try_map(|name| Signal::named(&name).ok_or("no such signal"))
 }
 
 /// Number of the first of the further nulls.
@@ -98,10 +72,6 @@ const JOINTS: usize = 400;
 impl Args {
     fn cases(&self) -> usize {
         self.cases.unwrap_or(JOINTS)
-    }
-
-    fn without(&self) -> Vec<Signal> {
-        self.without.iter().map(|w| (*w).into()).collect()
     }
 
     fn nulls(&self) -> usize {
@@ -186,7 +156,7 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
             causes,
             seed: args.seed,
             seen_by,
-            without: args.without(),
+            without: args.without.clone(),
         };
         return blind_whole::make_case(case, &gaits, &args.output, context);
     }
@@ -204,7 +174,7 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
             seed: args.seed,
             jobs,
             leave_out: args.leave_one_out,
-            without: args.without(),
+            without: args.without.clone(),
         };
         suite.run(context)?;
     }

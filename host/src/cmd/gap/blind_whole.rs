@@ -275,7 +275,7 @@ impl Suite<'_> {
     /// Makes, seals, diagnoses, opens and scores; goes on where it stopped.
     pub(super) fn run(&self, context: &Context) -> Outcome {
         let places = Places::new(self.output, self.leave_out)?;
-        let without: Vec<String> = self.without.iter().map(|s| format!("{s:?}")).collect();
+        let without: Vec<&str> = self.without.iter().map(|s| s.name()).collect();
         let mine = json!({
             "seed": self.seed, "whole": self.count, "gaits": self.gaits, "without": without,
         });
