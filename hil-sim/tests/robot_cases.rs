@@ -226,3 +226,27 @@ fn what_is_not_recorded_is_missing_and_changes_nothing_else() {
         );
     }
 }
+
+#[test]
+fn a_picture_between_two_samples_shows_neither() {
+    let gaits = [gait("crawl")];
+    let film = |shift_s: f64| -> Vec<(String, Vec<u8>)> {
+        let plan = Plan {
+            seen_by: SeenBy::TrackerAndCamera,
+            ..short(&[("camera_time_shift", None, &[shift_s])])
+        };
+        let files = case(&plan, &gaits).expect("possible").files;
+        let pictures = files.into_iter().filter(|f| f.0.ends_with(".png"));
+        pictures.collect()
+    };
+    // Rows of a recording stand 25 ms apart.
+    let [before, between, after] = [0.100, 0.1125, 0.125].map(film);
+    let same = |other: &[(String, Vec<u8>)]| {
+        let pairs = between.iter().zip(other).skip(5);
+        pairs.filter(|(a, b)| a == b).count()
+    };
+    assert_eq!(between.len(), after.len());
+    assert!(between.len() > 20, "{} pictures", between.len());
+    assert!(2 * same(&before) < between.len(), "{}", same(&before));
+    assert!(2 * same(&after) < between.len(), "{}", same(&after));
+}

@@ -165,7 +165,7 @@ fn filmed(a: &CameraTruth, b: &CameraTruth, track: &[Sample]) -> f64 {
         ]
     };
     let late = |c: &CameraTruth, k: usize| {
-        let shift = (c.shift_s * 1000.0 / SAMPLE_TICKS as f64) as i64;
+        let shift = libm::round(c.shift_s * 1000.0 / SAMPLE_TICKS as f64) as i64;
         let at = (k as i64 + shift).clamp(0, track.len() as i64 - 1);
         &track[at as usize]
     };

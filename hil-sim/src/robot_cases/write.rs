@@ -7,6 +7,7 @@ use control::gait::Gait;
 use control::kinematics;
 use control::linalg::{Pose as CPose, Rot3, Vec3};
 use control::robot::RobotModel;
+use physics::Pose;
 
 use super::machine::Sample;
 use super::reality::CameraTruth;
@@ -196,15 +197,14 @@ pub(super) fn film(
         let label_s = frame as f64 / FRAME_HZ;
         let lost = noise.chance(camera.drop) && frame > 0;
         let taken_s = label_s + camera.shift_s;
-        let at = track.iter().position(|s| s.t_s + 1e-9 >= taken_s);
-        let Some(sample) = at.and_then(|k| track.get(k)) else {
+        let Some((links_rad, base)) = stance(track, taken_s) else {
             continue;
         };
-        if lost || taken_s < 0.0 {
+        if lost {
             continue;
         }
         let file = format!("{frame:04}.png");
-        let picture = view.render(&solids, &bodies(&robot, sample));
+        let picture = view.render(&solids, &bodies(&robot, &links_rad, &base));
         if let Ok(png) = camera::picture::silhouette_png(&picture) {
             let _ = writeln!(index, "{label_s:.3},{file}");
             files.push((format!("{name}_film/{file}"), png));
@@ -214,14 +214,44 @@ pub(super) fn film(
     files
 }
 
+/// Angles of the links and pose of the base at `t_s`, along straight lines between samples; `None` outside the track.
+fn stance(track: &[Sample], t_s: f64) -> Option<([f32; JOINTS], Pose)> {
+    let after = track.iter().position(|s| s.t_s + 1e-9 >= t_s)?;
+    let b = track.get(after)?;
+    let a = track.get(after.saturating_sub(1))?;
+    if t_s < -1e-9 {
+        return None;
+    }
+    let step_s = b.t_s - a.t_s;
+    let share = if step_s > 0.0 {
+        ((t_s - a.t_s) / step_s).min(1.0)
+    } else {
+        1.0
+    };
+    let mix = |x: f32, y: f32| ((1.0 - share) * f64::from(x) + share * f64::from(y)) as f32;
+    let links_rad = std::array::from_fn(|k| mix(a.link_rad[k], b.link_rad[k]));
+    let position_m = std::array::from_fn(|k| mix(a.base.position_m[k], b.base.position_m[k]));
+    let (q, r) = (a.base.quaternion, b.base.quaternion);
+    // Of the two quaternions of a turn, the one beside the other.
+    let same = q.iter().zip(&r).map(|(x, y)| x * y).sum::<f32>() >= 0.0;
+    let chord: [f32; 4] = std::array::from_fn(|k| mix(if same { q[k] } else { -q[k] }, r[k]));
+    let length = libm::sqrtf(chord.iter().map(|x| x * x).sum());
+    let quaternion = chord.map(|x| x / length);
+    let base = Pose {
+        position_m,
+        quaternion,
+    };
+    Some((links_rad, base))
+}
+
 /// World poses of the bodies.
-fn bodies(robot: &RobotModel, sample: &Sample) -> Vec<CPose> {
-    let [x, y, z] = sample.base.position_m;
+fn bodies(robot: &RobotModel, links_rad: &[f32; JOINTS], base: &Pose) -> Vec<CPose> {
+    let [x, y, z] = base.position_m;
     let base = CPose {
         position_m: Vec3::new(x, y, z),
-        rotation: Rot3::from_quaternion(sample.base.quaternion),
+        rotation: Rot3::from_quaternion(base.quaternion),
     };
-    kinematics::forward(robot, &sample.link_rad)
+    kinematics::forward(robot, links_rad)
         .rebased(3, &base)
         .bodies()
         .to_vec()
