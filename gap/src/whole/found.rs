@@ -553,3 +553,36 @@ pub(super) fn next(classes: &[Ambiguous], word: Word, late: bool) -> Option<Next
         _ => None,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use super::{Item, Place, fixed, mirrored};
+    use crate::vocabulary::Effect;
+
+    #[test]
+    fn a_scale_of_minus_one_is_a_sign() {
+        let effects = [
+            (-1.004, Effect::JointSign),
+            (-0.96, Effect::JointScale),
+            (1.0, Effect::JointScale),
+        ];
+        for (ratio, effect) in effects {
+            let item = mirrored(Item {
+                effect: Effect::JointScale,
+                joint: Some(4),
+                parameters: BTreeMap::from([("ratio".to_string(), fixed(ratio))]),
+                gain: 1.0,
+                strength: 1.0,
+                rivals: Vec::new(),
+                place: Place::Body(0),
+                plausible: true,
+            });
+            assert_eq!((item.effect, item.joint), (effect, Some(4)), "{ratio}");
+            let signed = item.parameters.get("sign").map(|s| s.value);
+            let expected = (effect == Effect::JointSign).then_some(-1.0);
+            assert_eq!(signed, expected, "{ratio}");
+        }
+    }
+}
