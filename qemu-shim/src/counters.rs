@@ -8,7 +8,7 @@ use crate::ffi::{self, Opaque, PluginId, PluginU64};
 use crate::options::{Options, RegionOption};
 use crate::wire::RegionCount;
 
-/// The instruction WFI (Armv7-M ARM, A7.7.261, encoding T1), in memory order.
+/// The instruction WFI (Armv7-M Architecture Reference Manual, WFI, encoding T1), in memory order.
 const WFI: [u8; 2] = 0xbf30_u16.to_le_bytes();
 
 struct Region {
