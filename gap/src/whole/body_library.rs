@@ -26,6 +26,9 @@ pub(super) fn apart_m(model: &Model) -> f64 {
 const WIDE: f64 = 0.2;
 /// The same of a torsional friction: windows beside another ground or another order of joints ask for one of 1.8 to 3 mm (three emulated robots without one).
 const TORSION_M: f64 = 0.003;
+/// The same of a connector's twist, rad/(N m): windows of seventeen gaits ask for one of 460 to 540 N m/rad (three emulated robots without one); the
+/// stiffest that was planted has 100 N m/rad.
+const TWIST_RAD_NM: f64 = 0.004;
 
 /// The coordinates of the body with the tolerances of `model` as priors.
 pub(super) fn coordinates(model: &Model) -> Vec<Coordinate> {
@@ -92,7 +95,14 @@ pub(super) fn coordinates(model: &Model) -> Vec<Coordinate> {
     for b in [B::ComX, B::ComY, B::ComZ] {
         set(b, c(0.0, shift, 0.005, [-0.3, 0.3]));
     }
-    set(B::ConnectorGive, c(0.0, 0.0, 0.005, [0.0, 1.0]));
+    let twist = c(0.0, 0.0, 0.005, [0.0, 1.0]);
+    set(
+        B::ConnectorGive,
+        Coordinate {
+            least: TWIST_RAD_NM,
+            ..twist
+        },
+    );
     set(B::ConnectorPlay, c(0.0, 0.0, 0.005, [0.0, 0.5]));
     for k in 0..JOINTS {
         out[of_joint(k, OFFSET)] = c(0.0, 0.0, 0.01, [-7.0, 7.0]);
