@@ -154,6 +154,8 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
     // A joint that lags behind is ever further off: no slope leads to its limit.
     let mut speeds = grid(0.04, 1.06, 56);
     speeds.push(1.5);
+    // Up to the 4.8 N m of the stronger joints (Table II): few gaits ask a joint for half of that, and what one asks for no slope tells.
+    let torques = grid(0.06, 1.12, 39);
     let mut out = vec![
         one(Effect::JointScale, k, J::Scale, &[slope, 0.95, 1.05]),
         one(Effect::JointOffset, k, J::Offset, &[offset, 0.02, -0.02]),
@@ -179,8 +181,8 @@ pub(super) fn candidates(tier: &Tier, conventions: &Conventions) -> Vec<Candidat
             &[0.01, 0.02, 0.05, 0.1],
         ),
         one(Effect::MotorLag, k, J::Lag, &[0.006, 0.02, 0.05, 0.15]),
-        one(Effect::TorqueLimit, k, J::MaxTorque, &grid(0.06, 1.12, 24)),
-        one(Effect::CurrentLimit, k, J::MaxTorque, &grid(0.06, 1.12, 24)),
+        one(Effect::TorqueLimit, k, J::MaxTorque, &torques),
+        one(Effect::CurrentLimit, k, J::MaxTorque, &torques),
         one(Effect::CoulombFriction, k, J::Coulomb, &[0.1, 0.4, 1.0]),
         one(Effect::ViscousFriction, k, J::Viscous, &[0.2, 0.6, 1.5]),
         // The servo's own damping is a torque per speed too; a robot at work does not tell the two apart.
