@@ -4,6 +4,7 @@
 //! ([`joints`]), the body in short windows led along the measured angles ([`body`]), the camera against the measured pose. Where no
 //! tracker recorded a pose, it is read off the film first ([`film`]).
 
+mod advice;
 mod answer;
 mod belief;
 mod body;

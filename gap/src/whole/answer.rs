@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::advice;
 use super::belief::{Belief, Remainder};
 use super::found::{self, Item};
 use super::score::{JointRow, Metrics, Score, State, bootstrap, unit};
@@ -235,7 +236,8 @@ fn rows(items: &[Item], s: &Scores, belief: &Belief) -> Vec<EffectRow> {
     out.into_iter().map(|x| x.1).collect()
 }
 
-fn ambiguous(items: &[Item]) -> Vec<Ambiguous> {
+fn ambiguous(d: &Parts, items: &[Item]) -> Vec<Ambiguous> {
+    let heard = |k: usize| d.conventions.echo[k].late_s.is_some();
     let mut out = Vec::new();
     for item in items {
         let close: Vec<_> = item
@@ -263,7 +265,7 @@ fn ambiguous(items: &[Item]) -> Vec<Ambiguous> {
         members.iter_mut().for_each(|m| m.probability /= sum);
         let effects: Vec<Effect> = members.iter().map(|m| m.effect).collect();
         out.push(Ambiguous {
-            separate_by: found::separate_by(&effects).into(),
+            separate_by: advice::separate_by(&effects, item.joint.is_some_and(heard)).into(),
             effects,
             members,
         });
@@ -309,7 +311,7 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
     let belief = remainder.belief(word, &items);
     let effects = rows(&items, &s, &belief);
     let place = places::places(d, &items, settings);
-    let ambiguous = ambiguous(&items);
+    let ambiguous = ambiguous(d, &items);
     let echo = &d.conventions.echo;
     let unheard = |f: &joints::Found| f.late && echo[f.tier.joint].late_s.is_none();
     let late = d.joints.iter().any(unheard);
@@ -353,7 +355,7 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
         verdict: word,
         sentence: sentence(word, &gap, &effects, &place),
         partial: false,
-        next_experiment: found::next(&ambiguous, word, late),
+        next_experiment: advice::next(&ambiguous, word, late),
         unseen: unseen::unseen(d, settings),
         pulled: BTreeMap::new(),
         displaced: Vec::new(),

@@ -14,7 +14,7 @@ use super::search::Answer;
 use super::servo::J;
 use super::steady::Change;
 use crate::math;
-use crate::verdict::{Ambiguous, Estimate, NextExperiment, Word};
+use crate::verdict::Estimate;
 use crate::vocabulary::{Effect, Stage};
 
 /// Where an item lives.
@@ -493,65 +493,6 @@ fn conventions(d: &Parts) -> Vec<Item> {
         }
     }
     out
-}
-
-/// What would separate a class.
-pub(super) fn separate_by(effects: &[Effect]) -> &'static str {
-    let has = |e: Effect| effects.contains(&e);
-    if has(Effect::DampingGain) {
-        "turn the joint by hand with its driver off: friction stays, the driver's damping goes"
-    } else if has(Effect::Latency)
-        || has(Effect::LoopGain)
-        || has(Effect::FeedbackDelay)
-        || has(Effect::MotorLag)
-    {
-        "record applied_setpoint_rad as the driver echoes it, and a chirp up to 1 Hz in the air"
-    } else if has(Effect::Backlash) || has(Effect::Compliance) || has(Effect::Deadband) {
-        "record link_position_rad, and slow reversals under load"
-    } else if has(Effect::Mass) {
-        "weigh the robot, or record base_* with a tracker"
-    } else if has(Effect::GroundFriction) || has(Effect::FrictionAnisotropy) {
-        "record gaits in two headings, the robot turned by 90 degrees on the same spot"
-    } else if has(Effect::GroundSlope) || has(Effect::ComOffset) {
-        "record the same gait with the robot turned by 180 degrees: a slope stays, a shifted mass turns with it"
-    } else if has(Effect::ConnectorCompliance) || has(Effect::ConnectorPlay) {
-        "hold the robot as a bridge on its two ends and load the connector both ways"
-    } else {
-        "record slow triangles of that joint in the air, with current"
-    }
-}
-
-/// The next experiment; `late` where set-points come otherwise than they were sent and no echo tells how.
-pub(super) fn next(classes: &[Ambiguous], word: Word, late: bool) -> Option<NextExperiment> {
-    let make = |text: String, separates: Vec<Effect>| {
-        Some(NextExperiment {
-            text,
-            separates,
-            gait: None,
-        })
-    };
-    if let Some(c) = classes.first() {
-        let joint = c
-            .members
-            .first()
-            .and_then(|m| m.joint)
-            .map_or_else(String::new, |k| format!(" (joint {k})"));
-        return make(
-            format!("To tell these apart{joint}: {}.", c.separate_by),
-            c.effects.clone(),
-        );
-    }
-    match word {
-        Word::Unknown if late => make(
-            "Record applied_setpoint_rad as the driver echoes it: it shows whether set-points are late, jitter or are lost.".into(),
-            vec![Effect::Latency, Effect::Jitter, Effect::PacketLoss],
-        ),
-        Word::Unknown => make(
-            "Record each joint alone in the air (slow triangle, then chirp) with current and link angle, three repeats each: it shows whether the remainder lies before or behind the gear.".into(),
-            Vec::new(),
-        ),
-        _ => None,
-    }
 }
 
 #[cfg(test)]

@@ -79,7 +79,7 @@ fn inertia_nm(d: &Parts) -> Option<[f64; 2]> {
     shown_most(d.joints.iter().filter_map(of))
 }
 
-/// Longest delay of the feedback that a gain within its tolerance hides, s.
+/// Longest delay of the feedback, or lag of the motor, that a gain within its tolerance hides, s.
 fn hidden_delay_s(d: &Parts) -> f64 {
     let of = |f: &Found| {
         let gain = f.tier.nominal.gain_per_s * f.answer.last().theta[J::Gain as usize];
@@ -91,7 +91,7 @@ fn hidden_delay_s(d: &Parts) -> f64 {
 /// Why an effect could not be seen, from what was measured; `None` where it would have been.
 fn measured(d: &Parts, e: Effect) -> Option<String> {
     match e {
-        Effect::FeedbackDelay if !d.joints.is_empty() => Some(format!(
+        Effect::FeedbackDelay | Effect::MotorLag if !d.joints.is_empty() => Some(format!(
             "up to {:.0} ms it acts like a loop gain within its tolerance",
             1e3 * hidden_delay_s(d)
         )),
