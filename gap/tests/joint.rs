@@ -2,7 +2,7 @@
 
 mod common;
 
-use files::dataset::{Manifest, Recording};
+use files::dataset::{Manifest, Recording, Signal};
 use gap::joint::{P, Params, Problem, Trace, simulate};
 use gap::select::Options;
 use gap::verdict::Word;
@@ -230,6 +230,29 @@ fn no_effect_is_called_none_and_the_answer_repeats() {
         serde_json::to_string(&one).expect("json"),
         serde_json::to_string(&two).expect("json")
     );
+}
+
+/// The servo holds what its encoder reads, so the link goes with a zero that drifts. Inertia and gravity are off within their tolerances: that is no place to look at.
+#[test]
+fn a_zero_that_drifts_is_unknown_in_the_conventions() {
+    let nominal = Params::default()
+        .with(P::Inertia, 1.06)
+        .with(P::Gravity, 0.97);
+    let (m, mut recordings) = common::data(&nominal, 7);
+    for r in &mut recordings {
+        let t_s = r.t_s().to_vec();
+        let joint = r.joint_mut(0).expect("one joint");
+        let link = joint.get(Signal::LinkPosition).expect("a link").to_vec();
+        let moved = link.iter().zip(&t_s).map(|(q, t)| q + 0.003 * t).collect();
+        joint.set(Signal::LinkPosition, Some(moved));
+    }
+    let v = diagnose(&m, &recordings, 0, &quick())
+        .expect("diagnosis")
+        .verdict;
+    assert_eq!(v.verdict, Word::Unknown, "{}", v.sentence);
+    assert_eq!(v.place[0].stage, "conventions", "{:?}", v.place);
+    let total: f64 = v.place.iter().map(|w| w.share).sum();
+    assert!((total - 1.0).abs() < 1e-9, "{total}");
 }
 
 #[test]

@@ -2,7 +2,7 @@
 
 use crate::diagnose::Diagnosis;
 use crate::fit::{Free, Model, Objective};
-use crate::joint::P;
+use crate::joint::{P, Params};
 
 /// Part of an offset by which its values in the two halves of the runs may differ. A zero that wanders at an even pace from
 /// the start of every run is off by a quarter of its way in the first half on average and by three quarters in the second:
@@ -26,14 +26,27 @@ pub(super) fn drifts(d: &Diagnosis) -> bool {
     let Some(free) = free.into_iter().find(|f| f.p == P::MechOffset) else {
         return false;
     };
-    let (early, late) = (half(d, *free, true), half(d, *free, false));
+    let params = d.selection.model.params;
+    let [early, late] = [true, false].map(|e| half(d, params, *free, e));
     let ratio = (early.common + late.common) / (early.own + late.own).max(1e-12);
-    let offset = d.selection.model.params.get(P::MechOffset);
+    let offset = params.get(P::MechOffset);
     (late.offset - early.offset).abs() > STEADY * offset.abs()
         && d.independent * libm::log(ratio.max(1.0)) > CHANCE
 }
 
-fn half(d: &Diagnosis, free: Free, early: bool) -> Half {
+/// Share of the squared gap of the nominal model that a zero of its own for each half of the runs takes away. What calibration and effects bend to imitate
+/// the drift is part of it.
+pub(super) fn share(d: &Diagnosis) -> f64 {
+    let free = d.selection.model.free.iter();
+    let Some(free) = free.into_iter().find(|f| f.p == P::MechOffset) else {
+        return 0.0;
+    };
+    let [early, late] = [true, false].map(|e| half(d, d.nominal, *free, e));
+    let common = early.common + late.common;
+    (1.0 - (early.own + late.own) / common.max(1e-300)).clamp(0.0, 1.0)
+}
+
+fn half(d: &Diagnosis, params: Params, free: Free, early: bool) -> Half {
     let mut problem = d.problem.merged(&d.fit_runs);
     for run in &mut problem.runs {
         let middle = run.steps / 2;
@@ -49,7 +62,7 @@ fn half(d: &Diagnosis, free: Free, early: bool) -> Half {
         robust: d.floor.repeat.is_some(),
     };
     let mut model = Model {
-        params: d.selection.model.params,
+        params,
         free: vec![free],
     };
     let common = objective.data_cost(&model.params);

@@ -1,5 +1,6 @@
 //! Where: shares of the stages, and a suspect for what no effect explains.
 
+use super::drift;
 use super::word::{REMAINDER, remainder};
 use crate::candidates;
 use crate::diagnose::{Diagnosis, Settings};
@@ -48,6 +49,9 @@ pub(super) fn places(d: &Diagnosis, word: Word, settings: &Settings) -> Vec<Wher
         if let Some(Some(stage)) = before {
             blame(d, &mut rows, stage, 0.9, regime);
         }
+    }
+    if word == Word::Unknown && drift::drifts(d) {
+        blame(d, &mut rows, Stage::Conventions, drift::share(d), regime);
     }
     rows.sort_by(|a, b| b.share.total_cmp(&a.share));
     rows
