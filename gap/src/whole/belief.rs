@@ -14,6 +14,9 @@ use crate::vocabulary::Stage;
 
 /// Share of the gap that must be explained for `explained`.
 const EXPLAINED: f64 = 0.8;
+/// Cost of a joint above which it leaves something, where nothing at all was named: 30 emulated robots without a cause leave less, one with a motor's lag of
+/// 17 ms that must not be named 3.4.
+pub(super) const BARE: f64 = 2.5;
 /// Evidence, in thresholds, of a law that signals break and no effect of the library keeps.
 const BROKEN: f64 = 10.0;
 /// Evidence of something that changes along the runs, which is found or not found.
@@ -79,6 +82,8 @@ fn curve(at: [f64; 2], x: f64) -> f64 {
 pub(super) struct Remainder {
     /// Largest cost that a tier keeps, over that above which something is left.
     worst: f64,
+    /// The same of joints where nothing at all was named.
+    bare: f64,
     /// Share of all excess that was explained.
     explained: f64,
     /// Evidence that something follows a law that the library does not hold, in thresholds; 0 = none.
@@ -135,8 +140,10 @@ impl Remainder {
             .filter(|a| a.last().cost > a.limits.remainder)
             .map(share)
             .fold(1.0, f64::min);
+        let costs = d.joints.iter().map(|f| f.answer.last().cost);
         Self {
             worst,
+            bare: costs.fold(0.0, f64::max) / BARE,
             explained: explained.min(least),
             odd: odd(d),
             body: rest.evidence,
@@ -152,7 +159,8 @@ impl Remainder {
 
     /// The word of the verdict.
     pub(super) fn word(&self, items: &[Item]) -> Word {
-        let left = self.worst > 1.0 || self.odd > 0.0 || self.body > 0.0;
+        let bare = items.is_empty() && self.bare > 1.0;
+        let left = self.worst > 1.0 || bare || self.odd > 0.0 || self.body > 0.0;
         // What the body keeps takes nothing from what joints and signals show, but leaves nothing explained that the body shows,
         // nor what rests on loads that were replayed with it.
         let own = |i: &Item| {
@@ -196,7 +204,8 @@ impl Remainder {
                 Belief::new(none, 1.0 - none, &[])
             }
             Word::Unknown => {
-                let evidence = beyond.max(self.odd).max(self.body);
+                let bare = if items.is_empty() { self.bare } else { 0.0 };
+                let evidence = beyond.max(bare).max(self.odd).max(self.body);
                 let unknown = curve(UNKNOWN, libm::log(evidence.clamp(1.0, 100.0)));
                 let rest = 1.0 - unknown;
                 Belief::new(NOTHING * rest, unknown, &shared((1.0 - NOTHING) * rest))
@@ -248,6 +257,7 @@ mod tests {
             for _ in 0..200 {
                 let r = Remainder {
                     worst: 3.0 * rng.uniform(),
+                    bare: 3.0 * rng.uniform(),
                     explained: rng.uniform(),
                     odd: 3.0 * rng.uniform(),
                     body: 3.0 * rng.uniform(),
@@ -355,6 +365,7 @@ mod tests {
         ] {
             let mut r = Remainder {
                 worst,
+                bare: 0.0,
                 explained: tiers,
                 odd,
                 body,
@@ -363,6 +374,27 @@ mod tests {
             };
             r.explain(all);
             assert_eq!(r.word(items), word, "{what}");
+        }
+    }
+
+    #[test]
+    fn a_joint_that_leaves_something_is_unknown_where_nothing_was_named() {
+        let late = [item(Effect::Latency, Some(1))];
+        for (items, bare, word) in [
+            (&[][..], 0.8, Word::None),
+            (&[], 1.3, Word::Unknown),
+            (&late, 1.3, Word::Explained),
+        ] {
+            let r = Remainder {
+                worst: 0.5,
+                bare,
+                explained: 0.9,
+                odd: 0.0,
+                body: 0.0,
+                place: Rest::NONE.place,
+                nearest: 0.0,
+            };
+            assert_eq!(r.word(items), word, "{bare}");
         }
     }
 }

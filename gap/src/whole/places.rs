@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 
+use super::belief::BARE;
 use super::found::{Item, Place};
 use super::steady::Change;
 use super::{Parts, Settings, found};
@@ -30,6 +31,8 @@ struct Fall {
     arose: (Stage, Option<usize>),
     /// More is left than the library can be trusted to leave.
     remains: bool,
+    /// More is left of a joint than is usual where nothing at all was named.
+    bare: bool,
     /// A law that the library does not hold is in what is left.
     odd: bool,
 }
@@ -87,6 +90,7 @@ fn falls(d: &Parts) -> Vec<Fall> {
             left: last.groups.iter().map(|c| (c - 1.0).max(0.0)).collect(),
             arose,
             remains: last.cost > a.limits.remainder,
+            bare: own.1.is_some() && last.cost > BARE,
             odd,
         });
     }
@@ -106,7 +110,8 @@ fn costs(d: &Parts, items: &[Item]) -> BTreeMap<Key, Vec<f64>> {
         for (stage, joint, v) in &f.parts {
             add((Some(*stage), *joint), v);
         }
-        let key = if f.remains || f.odd {
+        let bare = items.is_empty() && f.bare;
+        let key = if f.remains || bare || f.odd {
             (Some(f.arose.0), f.arose.1)
         } else {
             (None, None)
