@@ -276,7 +276,7 @@ pub fn diagnose(
         friction: model.value(Key::Friction),
     };
     let (mut verdict, mut joints) = answer::verdict(&parts, &score, settings);
-    if collapse::refuted(&mut parts, &verdict, model, &score_runs) {
+    if collapse::refuted(&mut parts, &verdict, model, (&score, &score_runs)) {
         (verdict, joints) = answer::verdict(&parts, &score, settings);
     }
     let mut out = Diagnosis {
