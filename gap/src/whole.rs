@@ -59,6 +59,7 @@ mod traffic;
 mod turn;
 mod unseen;
 mod windows;
+mod witness;
 
 use std::sync::Arc;
 
@@ -184,7 +185,7 @@ impl Diagnosis {
     /// The nominal model with the effects found switched on, those that the simulator has.
     #[must_use]
     pub fn patch(&self) -> Model {
-        patch::patched(&self.model, &self.verdict.effects)
+        patch::patched(&self.model, patch::parts(&self.verdict.effects))
     }
 
     /// The report as one page.
@@ -202,7 +203,7 @@ impl Diagnosis {
         let mean = |params, which: usize| {
             let v: Vec<f64> = predict::errors(data, runs, params)
                 .iter()
-                .map(|e| e[which])
+                .map(|(_, e)| e[which])
                 .collect();
             (!v.is_empty()).then(|| crate::math::mean(&v))
         };
@@ -262,7 +263,7 @@ pub fn diagnose(
         .map(|tier| camera::diagnose(tier, manifest, model, &settings.withhold));
     let score = task.score(&seen, &joints, &loads, camera.is_some());
     last_word::refuted(&score, &mut joints, seen.body.is_some());
-    let score_runs = seen.split.score;
+    let (fit_runs, score_runs) = (seen.split.fit, seen.split.score);
     let mut parts = Parts {
         body: seen.body,
         camera,
@@ -277,6 +278,9 @@ pub fn diagnose(
     };
     let (mut verdict, mut joints) = answer::verdict(&parts, &score, settings);
     if collapse::refuted(&mut parts, &verdict, model, (&score, &score_runs)) {
+        (verdict, joints) = answer::verdict(&parts, &score, settings);
+    }
+    if witness::borne_out(&mut parts, &verdict, model, &fit_runs) {
         (verdict, joints) = answer::verdict(&parts, &score, settings);
     }
     let mut out = Diagnosis {

@@ -6,17 +6,14 @@
 //! Windows are led along the measured angles and leave somewhat less with a small play or spring that the robot has not. Whole runs are led by the set-points, and go
 //! elsewhere with it.
 
-use std::sync::Arc;
-
 use files::model::Model;
-use physics::Params;
 
-use super::data::Data;
 use super::joints::Found;
-use super::patch::patched;
+use super::patch::parts;
+use super::predict::Runs;
 use super::score::Score;
 use super::search::Answer;
-use super::{Parts, last_word, predict};
+use super::{Parts, last_word};
 use crate::math;
 use crate::verdict::{EffectRow, Verdict};
 use crate::vocabulary::Effect;
@@ -52,7 +49,7 @@ fn none(answer: &Answer) -> Option<usize> {
 }
 
 /// Whether an effect gives between a reading and a link, or between two modules.
-const fn gives(effect: Effect) -> bool {
+pub(super) const fn gives(effect: Effect) -> bool {
     matches!(
         effect,
         Effect::Backlash | Effect::Compliance | Effect::ConnectorPlay | Effect::ConnectorCompliance
@@ -63,23 +60,6 @@ const fn gives(effect: Effect) -> bool {
 fn strayed(runs_m: [f64; 2], windows_m: [f64; 2]) -> bool {
     let over = |[without, with]: [f64; 2], times: f64| with > times * without;
     over(runs_m, STRAYED) && over(windows_m, NEARER)
-}
-
-/// The scored runs, simulated whole.
-struct Runs<'a> {
-    model: &'a Model,
-    runs: &'a [usize],
-}
-
-impl Runs<'_> {
-    /// Error of the model with the effects of `rows`, m.
-    fn error_m(&self, data: &Data, rows: &[EffectRow]) -> Option<f64> {
-        let patch = patched(self.model, rows);
-        let params = Params::try_from(&patch).ok().map(Arc::new)?;
-        let errors = predict::errors(data, self.runs, &params);
-        let far: Vec<f64> = errors.iter().map(|e| e[0]).collect();
-        (!far.is_empty()).then(|| math::mean(&far))
-    }
 }
 
 /// Takes away what the scored `runs` refute when they are simulated whole. Whether something went.
@@ -112,7 +92,7 @@ fn given(d: &mut Parts, verdict: &Verdict, whole: &Runs<'_>, score: &Score) -> b
         let effect = held(m)?;
         let mut rows = verdict.effects.clone();
         rows.retain(|r| (r.effect, r.joint) != effect);
-        let error_m = |rows: &[EffectRow]| whole.error_m(&d.data, rows);
+        let error_m = |rows: &[EffectRow]| whole.error_m(&d.data, parts(rows));
         let runs_m = [error_m(&rows)?, error_m(&verdict.effects)?];
         let (last, without) = (found.answer.last(), &found.answer.removed_alone[at].0);
         let windows_m = [&without.theta, &last.theta].map(|theta| end_m(theta));
@@ -140,14 +120,14 @@ fn limited(d: &mut Parts, verdict: &Verdict, whole: &Runs<'_>) -> bool {
     if held.is_empty() {
         return false;
     }
-    let Some(with) = whole.error_m(&d.data, &verdict.effects) else {
+    let Some(with) = whole.error_m(&d.data, parts(&verdict.effects)) else {
         return false;
     };
     let collapsed = |at: &usize| {
         let joint = Some(d.joints[*at].tier.joint);
         let mut rows = verdict.effects.clone();
         rows.retain(|r| !(limits(r.effect) && r.joint == joint));
-        let without = whole.error_m(&d.data, &rows);
+        let without = whole.error_m(&d.data, parts(&rows));
         without.is_some_and(|without| with > COLLAPSED * without)
     };
     let gone: Vec<usize> = held.into_iter().filter(collapsed).collect();

@@ -1,16 +1,27 @@
 //! The patch: the nominal model with the found effects switched on, used at once by simulator and gait search.
 
+use std::collections::BTreeMap;
+
 use files::model::{Effect as ModelEffect, EffectEntry, Model, Parameter};
 use physics::Params;
 
-use crate::verdict::EffectRow;
+use crate::verdict::{EffectRow, Estimate};
+use crate::vocabulary::Effect;
 
-/// `model` with every effect of `rows` that the simulator knows.
-pub(super) fn patched(model: &Model, rows: &[EffectRow]) -> Model {
+/// An effect, its joint, its parameters.
+pub(super) type Part<'a> = (Effect, Option<usize>, &'a BTreeMap<String, Estimate>);
+
+/// What a patch takes of `rows`.
+pub(super) fn parts(rows: &[EffectRow]) -> impl Iterator<Item = Part<'_>> {
+    rows.iter().map(|r| (r.effect, r.joint, &r.parameters))
+}
+
+/// `model` with every effect of `parts` that the simulator knows.
+pub(super) fn patched<'a>(model: &Model, parts: impl IntoIterator<Item = Part<'a>>) -> Model {
     let mut out = model.clone();
     out.set_name(&format!("{}, patched", model.name()));
-    for row in rows {
-        let Some(effect) = ModelEffect::by_name(row.effect.name()) else {
+    for (effect, joint, values) in parts {
+        let Some(effect) = ModelEffect::by_name(effect.name()) else {
             continue;
         };
         let info = effect.info();
@@ -18,7 +29,7 @@ pub(super) fn patched(model: &Model, rows: &[EffectRow]) -> Model {
             .parameters
             .iter()
             .map(|p| {
-                let found = row.parameters.get(p.key);
+                let found = values.get(p.key);
                 Parameter {
                     value: found.map_or(p.neutral, |e| e.value).clamp(p.min, p.max),
                     tolerance: found.map_or(0.0, |e| (e.ci95[1] - e.ci95[0]) / 3.92),
@@ -26,8 +37,7 @@ pub(super) fn patched(model: &Model, rows: &[EffectRow]) -> Model {
                 }
             })
             .collect();
-        let joint = row
-            .joint
+        let joint = joint
             .and_then(|k| u8::try_from(k).ok())
             .filter(|_| info.per_joint);
         let mut next = out.clone();

@@ -7,7 +7,7 @@ use files::model::Model;
 use super::Parts;
 use super::found::{self, Item, Place};
 use super::intervals::estimates;
-use super::patch::patched;
+use super::patch::{parts, patched};
 use super::steady::Change;
 use crate::verdict::{EffectRow, Estimate, Verdict, Word};
 use crate::vocabulary::{Effect, Stage};
@@ -83,7 +83,7 @@ fn class(d: &Parts, v: &Verdict, model: &Model) -> Option<Vec<Explanation>> {
         Some(Explanation {
             effect,
             parameters,
-            model: patched(model, &rows),
+            model: patched(model, parts(&rows)),
         })
     };
     let all: Vec<Explanation> = members.filter_map(|m| explain(m.effect)).collect();

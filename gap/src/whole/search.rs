@@ -478,7 +478,7 @@ impl<E: Evaluate> Search<'_, E> {
     }
 
     /// Whether candidate `c` is in `fit` more than an error of what is measured, of tolerances, or of simulators of one law.
-    fn significant(&self, fit: &Fit, c: usize) -> bool {
+    pub(super) fn significant(&self, fit: &Fit, c: usize) -> bool {
         self.candidates[c].free.iter().any(|i| {
             let x = &self.coordinates[*i];
             let off = (fit.theta[*i] - x.neutral).abs();
