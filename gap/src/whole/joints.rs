@@ -7,11 +7,11 @@ use super::answer::REMAINDER;
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::joint_library::{TIMING_S, candidates, coordinates};
-use super::last_word::{doubted, limited, unhurried, weakened, weightless};
+use super::last_word::{doubted, limited, rippled, unhurried, weakened, weightless};
 use super::loads::{JOINTLY, Moments};
 use super::nominal::{Nominal, nominal};
 use super::open::Law;
-use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Limits, Search};
+use super::search::{Answer, Candidate, Coordinate, Evaluate, Fit, Given, Limits, Search};
 use super::servo::{self, J, JointRun, Load, Trace};
 use super::{open, regime};
 use crate::math;
@@ -497,7 +497,10 @@ pub(super) fn diagnose(
     };
     let base = search.fit(&base.theta, &[], 3);
     let sure = late(&search, &base, conventions.echo[tier.joint].late_s);
-    let mut answer = search.answer_with(base.clone(), nominal.clone(), sure.into());
+    let given = Given::from(sure);
+    let shown = given.shown();
+    let mut answer = search.answer_with(base.clone(), nominal.clone(), given);
+    answer = rippled(&search, &answer, &nominal, &shown).unwrap_or(answer);
     let derates = tier.torque && !withhold.contains(&Effect::ThermalDerating);
     if answer.last().members.is_empty() && derates {
         answer = weakened(&search, base, nominal).unwrap_or(answer);

@@ -7,7 +7,7 @@ use super::joint_library::last_resort;
 use super::joints::{Found, Tier};
 use super::open::{self, Law};
 use super::score::{Score, State};
-use super::search::{Answer, Coordinate, Fit, Search};
+use super::search::{Answer, Candidate, Coordinate, Fit, Search};
 use super::servo::{J, JointRun};
 use crate::vocabulary::{Effect, Stage};
 
@@ -75,6 +75,40 @@ pub(super) fn weakened(search: &Search<'_, Tier>, base: Fit, nominal: Vec<f64>) 
     };
     let answer = alone.answer(base, nominal);
     (!answer.last().members.is_empty()).then_some(answer)
+}
+
+/// The answer with a ripple that is a law in what effects leave of the torque and leaves none itself; `None` where there is none. `shown` is what other
+/// evidence has shown.
+///
+/// Angles hardly show a ripple, and where currents are coarse the torque's share of the cost is small.
+pub(super) fn rippled(
+    search: &Search<'_, Tier>,
+    answer: &Answer,
+    nominal: &[f64],
+    shown: &[usize],
+) -> Option<Answer> {
+    let of = |c: &Candidate| c.effect == Effect::TorqueRipple;
+    let c = search.candidates.iter().position(of)?;
+    let last = answer.last();
+    if !search.model.torque || last.members.contains(&c) {
+        return None;
+    }
+    let periods = open::periods(search.model, &last.theta)?;
+    let from = |nm: f64| {
+        let mut theta = last.theta.clone();
+        theta[J::RippleSin as usize] = nm;
+        theta[J::RipplePeriods as usize] = f64::from(periods);
+        let members = [last.members.as_slice(), &[c]].concat();
+        search.fit(&theta, &members, search.limits.iterations)
+    };
+    let fits = [open::LEAST_NM, -open::LEAST_NM].map(from);
+    let fit = fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
+    if fit.cost >= last.cost || open::law(search.model, &fit.theta).share > RIPPLED {
+        return None;
+    }
+    let steps = answer.steps.iter().cloned().chain([fit]).collect();
+    let shown = [shown, &[c]].concat();
+    Some(search.summed_up((steps, answer.nearest), nominal, &shown))
 }
 
 /// A torque limit that was found, as the measured torque itself shows it: what a joint does beyond its limit hangs on its surroundings, which

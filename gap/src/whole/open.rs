@@ -1,6 +1,6 @@
 //! Is there a law in what is left that the library does not hold?
 //!
-//! The torque that the best model leaves is regressed on general features of the motion: friction that depends on the place, hysteresis (stop
+//! The torque that the best model leaves is regressed on general features of the motion: torque and friction that depend on the place, hysteresis (stop
 //! operators of several widths, from which any rate-independent hysteresis is a sum), and load by direction.
 //! What predicts the remainder of gaits that it was not fitted on is a law.
 
@@ -19,7 +19,7 @@ pub(super) const LEAST_NM: f64 = 0.12;
 /// How many times as much as a law effects may leave.
 pub(super) const RIVAL: f64 = 1.3;
 /// Periods per turn that are tried, and widths of stop operators, rad.
-const PERIODS: u32 = 12;
+const PERIODS: u32 = 24;
 const WIDTHS_RAD: [f64; 4] = [0.08, 0.16, 0.32, 0.64];
 
 /// One set of features by sample.
@@ -89,6 +89,12 @@ fn left(tier: &Tier, theta: &[f64]) -> Vec<(usize, Left)> {
     samples
 }
 
+/// Torque that goes with the place, so many periods in a turn.
+fn of_place(periods: u32, s: &Left) -> [f64; 2] {
+    let (sin, cos) = libm::sincos(f64::from(periods) * s.angle_rad);
+    [sin, cos]
+}
+
 /// The largest share of a remainder that any law predicts.
 fn largest(samples: &[(usize, Left)]) -> f64 {
     let groups = samples.iter().map(|s| s.0 + 1).max().unwrap_or(0);
@@ -99,11 +105,9 @@ fn largest(samples: &[(usize, Left)]) -> f64 {
     let share = |f: &Features| predicted(samples, groups, &torque, f);
     let mut best = share(&|s| s.stops_rad.clone()).max(share(&|s| vec![s.load_nm.abs()]));
     for k in 1..=PERIODS {
-        let place = move |s: &Left| {
-            let (sin, cos) = libm::sincos(f64::from(k) * s.angle_rad);
-            vec![s.direction() * sin, s.direction() * cos]
-        };
-        best = best.max(share(&place));
+        let torque = move |s: &Left| of_place(k, s).to_vec();
+        let friction = move |s: &Left| of_place(k, s).map(|x| s.direction() * x).to_vec();
+        best = best.max(share(&torque)).max(share(&friction));
     }
     best
 }
@@ -126,6 +130,21 @@ pub(super) fn law(tier: &Tier, theta: &[f64]) -> Law {
         share,
         size_nm: (mean * share.max(0.0)).sqrt(),
     }
+}
+
+/// The periods per turn of a ripple that predicts enough of what a model leaves to be a law.
+pub(super) fn periods(tier: &Tier, theta: &[f64]) -> Option<u32> {
+    let samples = left(tier, theta);
+    let groups = samples.iter().map(|s| s.0 + 1).max().unwrap_or(0);
+    if groups < 3 {
+        return None;
+    }
+    let torque = |s: &Left| s.torque_nm;
+    let share = |k| predicted(&samples, groups, &torque, &move |s| of_place(k, s).to_vec());
+    let shares = (1..=PERIODS).map(|k| (share(k), k));
+    let (share, k) = shares.max_by(|a, b| a.0.total_cmp(&b.0))?;
+    let size_nm = (squares(&samples) / samples.len() as f64 * share.max(0.0)).sqrt();
+    (share > LAW && size_nm > LEAST_NM).then_some(k)
 }
 
 /// Sum of the squares of the torques, (N m)2.
