@@ -103,7 +103,8 @@ pub(super) fn rippled(
     };
     let fits = [open::LEAST_NM, -open::LEAST_NM].map(from);
     let fit = fits.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))?;
-    if fit.cost >= last.cost || open::law(search.model, &fit.theta).share > RIPPLED {
+    let remains = fit.cost > last.cost.min(REMAINDER);
+    if remains || open::law(search.model, &fit.theta).share > RIPPLED {
         return None;
     }
     let steps = answer.steps.iter().cloned().chain([fit]).collect();
@@ -203,15 +204,16 @@ impl Found {
         self.answer.last().members.iter().any(own)
     }
 
-    /// Whether the effects found only bend to what the joint shows: a straight line mends a part of any gap, and more than a fifth of it stays.
+    /// Whether the effects found only bend to what the joint shows: a straight line mends a part of any gap, any law a part of one that is a straight line, and
+    /// more than a fifth of it stays.
     fn bent(&self) -> bool {
         const STAYS: f64 = 0.2;
         let excess = |fit: &Fit| (fit.cost - 1.0).max(0.0);
         let (answer, last) = (&self.answer, self.answer.last());
         let straight = |m: &usize| answer.candidates[*m].effect.stage() == Stage::Conventions;
         let stays = excess(last) > STAYS * excess(&answer.steps[0]);
-        let found = !last.members.is_empty() && last.members.iter().all(straight);
-        found && last.cost > REMAINDER && stays
+        let alike = last.members.iter().all(straight) || self.gap == Stage::Conventions;
+        !last.members.is_empty() && alike && last.cost > REMAINDER && stays
     }
 }
 
