@@ -154,9 +154,14 @@ fn faint(tier: &Tier, answer: &Answer, coordinates: &[Coordinate]) -> Option<(us
     Some((at, answer.removed_alone[at].0.clone()))
 }
 
+/// A slope over what the sensor's error makes of a level ground.
+pub(super) fn steepness(slope: [f64; 2]) -> f64 {
+    slope[0].abs().max(slope[1].abs()) / (3.0 * inertial::SLOPE_RAD)
+}
+
 /// Whether a slope is more than the sensor's error.
 fn steep(slope: [f64; 2]) -> bool {
-    slope.iter().any(|x| x.abs() > 3.0 * inertial::SLOPE_RAD)
+    steepness(slope) > 1.0
 }
 
 /// Effects that the windows show in spite of another engine's contacts: their ends come nearer by far, whatever the floor is.

@@ -1,7 +1,7 @@
 //! What the body leaves when all that was found is in it: how much of it speaks, and where it arose.
 
 use super::body::{FLEX, OFFSET, PLAY, RATIO, Tier, of_joint};
-use super::body_answer::{Found, limits};
+use super::body_answer::{Found, limits, steepness};
 use super::body_library::coordinates;
 use super::data::JOINTS;
 use super::search::{Candidate, Coordinate, Evaluate, Fit, Limits, Search};
@@ -84,11 +84,28 @@ impl Found {
             (cost / LEFT, between(tier, &last, cost))
         });
         let (cost, place) = left.unwrap_or((0.0, None));
-        let evidence = ends.max(cost);
+        let tilt = self.tilt();
+        let evidence = ends.max(cost).max(tilt);
+        let place = place
+            .filter(|_| tilt <= 1.0)
+            .or_else(|| self.beside())
+            .unwrap_or(Rest::NONE.place);
         self.rest = Rest {
             evidence: if evidence > 1.0 { evidence } else { 0.0 },
-            place: place.or_else(|| self.beside()).unwrap_or(Rest::NONE.place),
+            place,
         };
+    }
+
+    /// How far gravity is off the tracker's vertical on a ground that is said to be level, over what the sensor's own error makes of it.
+    fn tilt(&self) -> f64 {
+        let answer = &self.answer;
+        let sloped = |m: &usize| answer.candidates[*m].effect == Effect::GroundSlope;
+        let shown = self.tier.slope.unwrap_or([0.0; 2]);
+        if answer.last().members.iter().any(sloped) {
+            0.0
+        } else {
+            steepness(shown)
+        }
     }
 
     /// Looks again where the remainder arose, with half the thresholds: that something is there is known. What is found stays where it leaves no remainder.

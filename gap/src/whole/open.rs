@@ -20,6 +20,8 @@ pub(super) const LEAST_NM: f64 = 0.12;
 pub(super) const RIVAL: f64 = 1.3;
 /// Periods per turn that are tried, and widths of stop operators, rad.
 const PERIODS: u32 = 24;
+/// Periods of a ripple that may be named: one or two in a turn, weights and gains by direction are as well (0.05 of robots without a cause; an asymmetric gain was one).
+const FEWEST: u32 = 3;
 const WIDTHS_RAD: [f64; 4] = [0.08, 0.16, 0.32, 0.64];
 
 /// One set of features by sample.
@@ -141,7 +143,7 @@ pub(super) fn periods(tier: &Tier, theta: &[f64]) -> Option<u32> {
     }
     let torque = |s: &Left| s.torque_nm;
     let share = |k| predicted(&samples, groups, &torque, &move |s| of_place(k, s).to_vec());
-    let shares = (1..=PERIODS).map(|k| (share(k), k));
+    let shares = (FEWEST..=PERIODS).map(|k| (share(k), k));
     let (share, k) = shares.max_by(|a, b| a.0.total_cmp(&b.0))?;
     let size_nm = (squares(&samples) / samples.len() as f64 * share.max(0.0)).sqrt();
     (share > LAW && size_nm > LEAST_NM).then_some(k)
