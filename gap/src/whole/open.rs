@@ -136,16 +136,20 @@ pub(super) fn law(tier: &Tier, theta: &[f64]) -> Law {
 
 /// The periods per turn of a ripple that predicts enough of what a model leaves to be a law.
 pub(super) fn periods(tier: &Tier, theta: &[f64]) -> Option<u32> {
-    let samples = left(tier, theta);
+    ripple(&left(tier, theta))
+}
+
+/// The same of a remainder.
+fn ripple(samples: &[(usize, Left)]) -> Option<u32> {
     let groups = samples.iter().map(|s| s.0 + 1).max().unwrap_or(0);
     if groups < 3 {
         return None;
     }
     let torque = |s: &Left| s.torque_nm;
-    let share = |k| predicted(&samples, groups, &torque, &move |s| of_place(k, s).to_vec());
+    let share = |k| predicted(samples, groups, &torque, &move |s| of_place(k, s).to_vec());
     let shares = (FEWEST..=PERIODS).map(|k| (share(k), k));
     let (share, k) = shares.max_by(|a, b| a.0.total_cmp(&b.0))?;
-    let size_nm = (squares(&samples) / samples.len() as f64 * share.max(0.0)).sqrt();
+    let size_nm = (squares(samples) / samples.len() as f64 * share.max(0.0)).sqrt();
     (share > LAW && size_nm > LEAST_NM).then_some(k)
 }
 
@@ -160,4 +164,82 @@ pub(super) fn rival(tier: &Tier, base: &[f64], theta: &[f64]) -> f64 {
     let before = left(tier, base);
     let effects = squares(&left(tier, theta)) / squares(&before).max(1e-12);
     effects / (1.0 - largest(&before)).max(1e-3)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Left, WIDTHS_RAD, largest, ripple};
+
+    /// What a model leaves of a joint on so many gaits of twelve seconds: a law of place, direction and gait, beside noise of 0.05 N m.
+    fn remainder(gaits: usize, law: impl Fn(f64, f64, usize) -> f64) -> Vec<(usize, Left)> {
+        let mut bits = 1_u32;
+        let mut noise = || {
+            bits = bits.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            0.1 * (f64::from(bits >> 8) / f64::from(1_u32 << 24) - 0.5)
+        };
+        let mut all = Vec::new();
+        for gait in 0..gaits {
+            // Gaits turn about other places at other rates, as searched ones do.
+            let (centre, rate) = (0.7 * gait as f64 - 1.5, 0.9 + 0.13 * gait as f64);
+            for i in 0..240 {
+                let (sin, cos) = libm::sincos(rate * 0.05 * f64::from(i));
+                let angle_rad = centre + 0.9 * sin;
+                let direction = cos.signum();
+                let left = Left {
+                    torque_nm: law(angle_rad, direction, gait) + noise(),
+                    angle_rad,
+                    speed_rad_s: 0.9 * rate * cos,
+                    load_nm: 0.0,
+                    stops_rad: vec![0.0; WIDTHS_RAD.len()],
+                };
+                all.push((gait, left));
+            }
+        }
+        all
+    }
+
+    #[test]
+    fn a_ripple_is_named_by_what_other_gaits_foretell_of_it() {
+        // [what is left, a law, the ripple that may be named]
+        type Case = (&'static str, fn(f64, f64, usize) -> f64, bool, Option<u32>);
+        const CASES: [Case; 6] = [
+            ("noise", |_, _, _| 0.0, false, None),
+            (
+                "five periods",
+                |a, _, _| 0.4 * libm::sin(5.0 * a + 0.8),
+                true,
+                Some(5),
+            ),
+            (
+                "twenty-four",
+                |a, _, _| 0.4 * libm::cos(24.0 * a),
+                true,
+                Some(24),
+            ),
+            ("too small", |a, _, _| 0.1 * libm::sin(5.0 * a), true, None),
+            (
+                "friction by place",
+                |a, d, _| 0.4 * d * libm::sin(5.0 * a),
+                true,
+                None,
+            ),
+            // Each gait's own phase: nothing that another gait foretells.
+            (
+                "no law",
+                |a, _, g| 0.4 * libm::sin(5.0 * a + 2.1 * g as f64),
+                false,
+                None,
+            ),
+        ];
+        for (name, law, lawful, periods) in CASES {
+            let samples = remainder(6, law);
+            assert_eq!(largest(&samples) > super::LAW, lawful, "{name}");
+            assert_eq!(ripple(&samples), periods, "{name}");
+        }
+        let two = remainder(2, |a, _, _| 0.4 * libm::sin(5.0 * a));
+        assert_eq!((largest(&two), ripple(&two)), (0.0, None), "two gaits");
+        // A weight's own law, which the tolerances of masses hold.
+        let weight = remainder(6, |a, _, _| 0.4 * libm::sin(a));
+        assert_eq!(ripple(&weight), None, "one period");
+    }
 }
