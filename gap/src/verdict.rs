@@ -44,9 +44,9 @@ pub struct Gap {
     pub after_calibration: f64,
     /// With the effects found.
     pub after: f64,
-    /// Repeats of the hardware, else the stated noise estimate.
+    /// Repeats of the hardware, else the stated noise estimate, or what a piece that starts from measured states may be off by.
     pub floor: f64,
-    /// Where the floor comes from: `repeats` or `noise`.
+    /// Where the floor comes from: `repeats`, `noise` or `tolerance`.
     pub floor_source: String,
     /// 95 % interval of `after` over held-out runs.
     pub ci95_after: [f64; 2],
@@ -153,6 +153,19 @@ pub struct Ambiguous {
     pub separate_by: String,
 }
 
+/// Notes in `rows` which rivals stand in one of the `classes` with the effect: how much worse a rival fits does not tell them apart there.
+pub(crate) fn keep_together(rows: &mut [EffectRow], classes: &[Ambiguous]) {
+    for row in rows {
+        let own = |m: &Member| (m.effect, m.joint) == (row.effect, row.joint);
+        let Some(class) = classes.iter().find(|c| c.members.iter().any(own)) else {
+            continue;
+        };
+        for rival in &mut row.alternatives {
+            rival.distinguishable &= !class.effects.contains(&rival.effect);
+        }
+    }
+}
+
 /// A nominal value that calibration took beyond its tolerance, with no effect of that name found: the model reaches its
 /// error only so. It takes the place of whatever the data shows, as its own effect or as an equivalent of another.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -242,4 +255,48 @@ pub struct Verdict {
     pub displaced: Vec<Displaced>,
     /// Provenance.
     pub provenance: Provenance,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_stands_in_one_class_is_not_told_apart() {
+        let rival = |effect| Alternative {
+            effect,
+            distinguishable: true,
+            margin: 5.5,
+        };
+        let mut rows = [EffectRow {
+            effect: Effect::Backlash,
+            stage: Effect::Backlash.stage().name().into(),
+            joint: Some(0),
+            parameters: BTreeMap::new(),
+            confidence: 0.6,
+            alternatives: vec![rival(Effect::Deadband), rival(Effect::Quantisation)],
+            gap_added_alone: 0.0,
+            gap_removed_from_full: 0.0,
+            kind: "structural".into(),
+            plausible: true,
+        }];
+        let member = |effect: Effect| Member {
+            effect,
+            stage: effect.stage().name().into(),
+            joint: Some(0),
+            probability: 0.5,
+        };
+        let class = Ambiguous {
+            effects: vec![Effect::Backlash, Effect::Deadband],
+            members: vec![member(Effect::Backlash), member(Effect::Deadband)],
+            separate_by: String::new(),
+        };
+        keep_together(&mut rows, &[class]);
+        let told: Vec<bool> = rows[0]
+            .alternatives
+            .iter()
+            .map(|a| a.distinguishable)
+            .collect();
+        assert_eq!(told, [false, true]);
+    }
 }

@@ -539,10 +539,11 @@ pub(super) fn verdict(d: &Diagnosis, library: &[Candidate], settings: &Settings)
     let gap = gap(d, settings);
     let word = word(d, &gap, settings);
     let probabilities = probabilities(d, word, settings);
-    let effects = effect_rows(d, probabilities.none + probabilities.unknown);
+    let mut effects = effect_rows(d, probabilities.none + probabilities.unknown);
     let place = places(d, word, settings);
     let displaced = displaced(d);
     let ambiguous = ambiguous(d);
+    keep_together(&mut effects, &ambiguous);
     let three = [
         (&d.nominal, d.ideal),
         (&d.calibrated.params, false),

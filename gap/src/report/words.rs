@@ -140,6 +140,9 @@ pub(super) fn word(v: &Verdict) -> &'static str {
 pub(super) fn floor(v: &Verdict) -> &'static str {
     match v.gap.floor_source.as_str() {
         "repeats" => "how far repeats of one motion differ",
+        "tolerance" => {
+            "what windows and loads may be off by, since they start from measured states"
+        }
         _ => "noise of the signal; the data set has no repeats",
     }
 }

@@ -1,8 +1,10 @@
 //! The body tier: pose of the base in short windows, joints led along the measured angles.
 
+mod contacts;
+
 use std::sync::Arc;
 
-use files::model::{Effect as ModelEffect, Model};
+use files::model::Model;
 use physics::{Outcome, Params, Robot, Trial};
 
 pub(super) use super::body_answer::{Found, diagnose};
@@ -262,9 +264,18 @@ impl Tier {
 
     /// Tolerances and factors with the floor as it is.
     fn weigh(&mut self) {
+        self.weigh_with(&[]);
+    }
+
+    /// The same where windows may end off by each of the `columns` of their own too.
+    fn weigh_with(&mut self, columns: &[Vec<Vec<f64>>]) {
         self.factors.clear();
-        for (targets, (spread, ways)) in self.targets.iter_mut().zip(&self.spreads) {
+        let windows = self.targets.iter_mut().zip(&self.spreads);
+        for (w, (targets, (spread, ways))) in windows.enumerate() {
             let mut covariance = spread.clone();
+            for c in columns {
+                spread_by(&mut covariance, &c[w]);
+            }
             for (i, (target, way)) in targets.iter_mut().zip(ways).enumerate() {
                 for (k, t) in target.tolerance.iter_mut().enumerate() {
                     let own = &mut covariance[(6 * i + k) * (NUMBERS + 1)];
@@ -287,19 +298,6 @@ impl Tier {
         true
     }
 
-    /// What `of` makes of the tier at the tolerances of the inertial sensor, whatever they have been widened to; `None` without one.
-    pub(super) fn sharp<T>(&mut self, of: impl FnOnce(&Self) -> T) -> Option<T> {
-        if !self.sensed {
-            return None;
-        }
-        let told = std::mem::replace(&mut self.floor, FLOOR);
-        self.weigh();
-        let out = of(self);
-        self.floor = told;
-        self.weigh();
-        Some(out)
-    }
-
     /// What a window is compared with, its covariance without the floor, and the ways; `None` where it tips.
     fn target(
         &self,
@@ -317,11 +315,7 @@ impl Tier {
             .collect::<Option<_>>()?;
         let mut covariance = vec![0.0; NUMBERS * NUMBERS];
         for c in &columns {
-            for i in 0..NUMBERS {
-                for j in 0..NUMBERS {
-                    covariance[i * NUMBERS + j] += c[i] * c[j];
-                }
-            }
+            spread_by(&mut covariance, c);
         }
         for (i, own) in covariance.iter_mut().step_by(NUMBERS + 1).enumerate() {
             *own += base.filmed.map_or(0.0, |error| error[i % 6].powi(2));
@@ -398,20 +392,12 @@ impl Tier {
 
     pub(super) fn params(&self, theta: &[f64]) -> Params {
         let get = |b: B| theta[b as usize];
-        let (give, play) = (get(B::ConnectorGive), get(B::ConnectorPlay));
         let mut p = self.base.clone();
-        if give > 0.0 || play > 0.0 {
-            let mut model = self.model.clone();
-            let set = if give > 0.0 {
-                model.set_effect(ModelEffect::ConnectorCompliance, None, &[1.0 / give])
-            } else {
-                model.set_effect(ModelEffect::ConnectorPlay, None, &[play])
-            };
-            if let (Ok(()), Ok(robot)) = (set, Robot::meta_module(&model))
-                && let Ok(with) = Params::new(&model, Arc::new(robot))
-            {
-                p = with;
-            }
+        if let Some(model) = self.connected(theta)
+            && let Ok(robot) = Robot::meta_module(&model)
+            && let Ok(with) = Params::new(&model, Arc::new(robot))
+        {
+            p = with;
         }
         p.friction *= get(B::Friction);
         p.bounce = get(B::Bounce);
@@ -556,6 +542,15 @@ fn tilted(roll_rad: f64, pitch_rad: f64) -> [f64; 3] {
     let (sp, cp) = libm::sincos(pitch_rad);
     let g = physics::GRAVITY_M_S2;
     [g * sp, -g * cp * sr, -g * cp * cr]
+}
+
+/// Adds the covariance of numbers that are off by `column` to `covariance`, one standard deviation.
+fn spread_by(covariance: &mut [f64], column: &[f64]) {
+    for (row, a) in covariance.chunks_mut(NUMBERS).zip(column) {
+        row.iter_mut()
+            .zip(column)
+            .for_each(|(own, b)| *own += a * b);
+    }
 }
 
 /// Poses of `o` less those of `from` at the instants compared.
