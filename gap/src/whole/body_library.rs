@@ -166,7 +166,14 @@ pub(super) fn candidates(link_measured: bool) -> Vec<Candidate> {
             Effect::GroundSlope,
             None,
             &[b(B::Roll), b(B::Pitch)],
-            &[&[0.01, 0.01], &[-0.05, 0.05]],
+            &[
+                &[0.01, 0.01],
+                &[-0.05, 0.05],
+                &[0.08, 0.0],
+                &[-0.08, 0.0],
+                &[0.0, 0.08],
+                &[0.0, -0.08],
+            ],
         ),
         candidate(
             Effect::GroundCompliance,
