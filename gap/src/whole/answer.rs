@@ -305,7 +305,7 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
     let items = found::items(d);
     let s = Scores::new(d, score, &items);
     let gap = gap(d, score, &s, settings);
-    let mut remainder = Remainder::new(d);
+    let mut remainder = Remainder::new(d, &items);
     if items.iter().any(Item::outside) {
         let share = gap.after / gap.before.max(1e-12);
         remainder.explain(1.0 - share * share);

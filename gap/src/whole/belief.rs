@@ -120,7 +120,7 @@ fn odd(d: &Parts) -> f64 {
 }
 
 impl Remainder {
-    pub(super) fn new(d: &Parts) -> Self {
+    pub(super) fn new(d: &Parts, items: &[Item]) -> Self {
         let excess = |cost: f64| (cost - 1.0).max(0.0);
         let (mut worst, mut first, mut last, mut nearest) = (0.0f64, 0.0, 0.0, 0.0f64);
         for a in answers(d) {
@@ -146,7 +146,7 @@ impl Remainder {
             bare: costs.fold(0.0, f64::max) / BARE,
             explained: explained.min(least),
             odd: odd(d),
-            body: rest.evidence,
+            body: rest.evidence(!items.is_empty()),
             place: rest.place,
             nearest,
         }

@@ -37,7 +37,7 @@ struct Fall {
     odd: bool,
 }
 
-fn falls(d: &Parts) -> Vec<Fall> {
+fn falls(d: &Parts, items: &[Item]) -> Vec<Fall> {
     let mut out = Vec::new();
     let joints = d.joints.iter().map(|f| {
         let own = (Stage::Driver, Some(f.tier.joint));
@@ -48,7 +48,7 @@ fn falls(d: &Parts) -> Vec<Fall> {
             Some(Change::Zero(k)) => (Stage::Conventions, Some(k)),
             _ => b.rest.place,
         };
-        let odd = b.changes.is_some() || b.rest.evidence > 0.0;
+        let odd = b.changes.is_some() || b.rest.evidence(!items.is_empty()) > 0.0;
         ((Stage::Body, None), &b.answer, arose, [odd, false])
     });
     let camera = d.camera.iter().map(|c| {
@@ -99,7 +99,7 @@ fn falls(d: &Parts) -> Vec<Fall> {
 
 /// Costs of every place by group.
 fn costs(d: &Parts, items: &[Item]) -> BTreeMap<Key, Vec<f64>> {
-    let falls = falls(d);
+    let falls = falls(d, items);
     let groups = falls.iter().map(|f| f.left.len()).max().unwrap_or(0);
     let mut rows: BTreeMap<Key, Vec<f64>> = BTreeMap::from([((None, None), vec![0.0; groups])]);
     let mut add = |key: Key, v: &[f64]| {

@@ -80,19 +80,27 @@ impl Tier {
         self.other_makes(theta).into_iter().map(make).collect()
     }
 
-    /// What `of` makes of the tier at the tolerances of the inertial sensor and of contacts of any make around `theta`, whatever the tolerances have been
-    /// widened to; `None` without such a sensor.
-    pub(in crate::whole) fn sharp<T>(
+    /// What `of` makes of the tier at the tolerances of the inertial sensor, whatever they have been widened to; `None` without one.
+    pub(in crate::whole) fn sharp<T>(&mut self, of: impl FnOnce(&Self) -> T) -> Option<T> {
+        self.weighed(&[], of)
+    }
+
+    /// The same with windows that may end off by what contacts of other makes around `theta` do.
+    pub(in crate::whole) fn among_makes<T>(
         &mut self,
         theta: &[f64],
         of: impl FnOnce(&Self) -> T,
     ) -> Option<T> {
+        let contacts = self.sensed.then(|| self.contacts(theta))?;
+        self.weighed(&contacts, of)
+    }
+
+    fn weighed<T>(&mut self, columns: &[Vec<Vec<f64>>], of: impl FnOnce(&Self) -> T) -> Option<T> {
         if !self.sensed {
             return None;
         }
         let told = std::mem::replace(&mut self.floor, FLOOR);
-        let contacts = self.contacts(theta);
-        self.weigh_with(&contacts);
+        self.weigh_with(columns);
         let out = of(self);
         self.floor = told;
         self.weigh();
