@@ -114,6 +114,11 @@ pub struct Params {
     pub erp: f64,
     /// Coulomb friction with the ground.
     pub friction: f64,
+    /// How fast a contact point that sticks creeps along the ground under load, m/s per N: ODE's force-dependent slip (manual, `slip1` and `slip2`); 0 = it holds.
+    pub slip_m_s_n: f64,
+    /// The friction of a contact point is limited by a pyramid inside Coulomb's cone, edges along the ground's x and y (MuJoCo's default cone): by up to a
+    /// factor of sqrt(2) less in between.
+    pub pyramid: bool,
     /// Restitution at the ground.
     pub bounce: f64,
     /// Approach speed below which nothing bounces, m/s.
@@ -176,6 +181,8 @@ impl Params {
             anisotropy_ratio: 1.0,
             anisotropy_direction_rad: 0.0,
             torsional_m: 0.0,
+            slip_m_s_n: 0.0,
+            pyramid: false,
             ground_stiffness_n_m: f64::INFINITY,
             ground_damping_n_s_m: 0.0,
             com_offset_m: [0.0; 3],

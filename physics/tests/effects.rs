@@ -323,42 +323,95 @@ fn a_stiff_connector_is_close_to_none() {
     assert!(apart < 0.002, "{apart} m after 0.75 s");
 }
 
-#[test]
-fn anisotropy_and_torsion_brake_as_they_say() {
-    let slide = |model: &Model, direction: f32| {
-        let (s, c) = (libm::sinf(direction), libm::cosf(direction));
-        let trial = Trial {
-            params: Arc::new(Params::try_from(model).unwrap()),
-            start: Start::State {
-                base: Pose {
-                    position_m: [0.0, 0.0, 0.055],
-                    quaternion: [1.0, 0.0, 0.0, 0.0],
-                },
-                twist: Twist {
-                    linear_m_s: [0.5 * c, 0.5 * s, 0.0],
-                    angular_rad_s: [0.0; 3],
-                },
-                angles_rad: vec![0.0; 6],
-                speeds_rad_s: vec![0.0; 6],
-            },
-            drive: Drive::SetPoints {
-                period_s: 1.0,
-                values_rad: Arc::from([0.0; 6]),
-            },
-            duration_s: 1.0,
-        };
-        run(&[trial], Level::detect())[0].distance_m
+/// Way of the robot at home that slides with 0.5 m/s in a direction, m.
+fn slide(params: Params, direction: f32) -> f64 {
+    let (s, c) = (libm::sinf(direction), libm::cosf(direction));
+    let trial = Trial {
+        params: Arc::new(params),
+        start: flat([0.5 * c, 0.5 * s, 0.0]),
+        drive: Drive::SetPoints {
+            period_s: 1.0,
+            values_rad: Arc::from([0.0; 6]),
+        },
+        duration_s: 1.0,
     };
-    let mut model = with(Effect::FrictionAnisotropy, &[2.0, 0.6]);
-    model
-        .set_effect(Effect::GroundFriction, None, &[0.2])
-        .unwrap();
+    run(&[trial], Level::detect())[0].distance_m
+}
+
+/// The robot at home on its faces, with a speed.
+fn flat(linear_m_s: [f32; 3]) -> Start {
+    Start::State {
+        base: Pose {
+            position_m: [0.0, 0.0, 0.055],
+            quaternion: [1.0, 0.0, 0.0, 0.0],
+        },
+        twist: Twist {
+            linear_m_s,
+            angular_rad_s: [0.0; 3],
+        },
+        angles_rad: vec![0.0; 6],
+        speeds_rad_s: vec![0.0; 6],
+    }
+}
+
+/// A ground of friction 0.2 that throws nothing back, with more.
+fn slippery(more: &[(Effect, &[f64])]) -> Params {
+    let mut model = with(Effect::GroundFriction, &[0.2]);
     model.set_effect(Effect::Restitution, None, &[0.0]).unwrap();
-    let along = slide(&model, 0.6);
-    let across = slide(&model, 0.6 + std::f32::consts::FRAC_PI_2);
-    let exact = 0.25 / (2.0 * 0.2 * GRAVITY_M_S2);
-    assert!((along - exact).abs() < 0.03 * exact, "{along} {exact}");
-    assert!((across - exact / 2.0).abs() < 0.03 * exact, "{across}");
+    for (effect, values) in more {
+        model.set_effect(*effect, None, values).unwrap();
+    }
+    Params::try_from(&model).unwrap()
+}
+
+/// Braking way from 0.5 m/s with a friction of 0.2, m.
+const BRAKED_M: f64 = 0.25 / (2.0 * 0.2 * GRAVITY_M_S2);
+
+#[test]
+fn anisotropy_brakes_as_it_says() {
+    let params = || slippery(&[(Effect::FrictionAnisotropy, &[2.0, 0.6])]);
+    let along = slide(params(), 0.6);
+    let across = slide(params(), 0.6 + std::f32::consts::FRAC_PI_2);
+    assert!((along - BRAKED_M).abs() < 0.03 * BRAKED_M, "{along}");
+    let half = BRAKED_M / 2.0;
+    assert!((across - half).abs() < 0.06 * half, "{across}");
+}
+
+#[test]
+fn a_pyramid_brakes_less_between_its_edges() {
+    let params = || Params {
+        pyramid: true,
+        ..slippery(&[])
+    };
+    let edge = slide(params(), 0.0);
+    let between = slide(params(), std::f32::consts::FRAC_PI_4);
+    assert!((edge - BRAKED_M).abs() < 0.03 * BRAKED_M, "{edge}");
+    let longer = BRAKED_M * std::f64::consts::SQRT_2;
+    assert!((between - longer).abs() < 0.03 * longer, "{between}");
+}
+
+#[test]
+fn contacts_with_slip_creep_down_a_slope() {
+    // Twelve points carry the robot on its four faces, each a twelfth of the downhill force.
+    let (slip, slope) = (0.002, 0.1);
+    let model = with(Effect::GroundSlope, &[0.0, slope]);
+    let params = Params {
+        slip_m_s_n: slip,
+        ..Params::try_from(&model).unwrap()
+    };
+    let mass: f64 = params.half_masses_kg.iter().sum();
+    let trial = Trial {
+        params: Arc::new(params),
+        start: flat([0.0; 3]),
+        drive: Drive::SetPoints {
+            period_s: 1.0,
+            values_rad: Arc::from([0.0; 6]),
+        },
+        duration_s: 3.0,
+    };
+    let way = run(&[trial], Level::detect())[0].distance_m;
+    let exact = slip * mass * GRAVITY_M_S2 * slope.sin() / 12.0 * 3.0;
+    assert!((way - exact).abs() < 0.05 * exact, "{way} {exact}");
 }
 
 #[test]

@@ -156,6 +156,7 @@ fn prepare<L: Lane>(
     slot.depth = depth;
     slot.wanted = (p.push * depth).max(bounce);
     slot.soft = p.soft;
+    slot.slip = p.slip;
     slot.r = w.cube[c].centre.add(point).sub(w.com);
     slot.p = s.impulse[index].only(active);
     base_mobility(w.inv_mass, &w.inv_inertia, slot);
@@ -193,6 +194,7 @@ pub(super) fn set_blocks<L: Lane>(slot: &mut Slot<L>, a: [L; 6]) {
     slot.a_yz = a_yz;
     slot.inv_normal = L::one() / (a_zz + slot.soft);
     // 1 / the larger eigenvalue of the tangential block: the longest step against the sliding that does not overshoot.
+    let (a_xx, a_yy) = (a_xx + slot.slip, a_yy + slot.slip);
     let (trace, gap) = (a_xx + a_yy, a_xx - a_yy);
     let spread = (gap * gap + L::splat(4.0) * (a_xy * a_xy)).sqrt();
     slot.slide = L::splat(2.0) / (trace + spread).max(L::splat(1e-12));

@@ -17,6 +17,7 @@ pub(crate) struct Switches {
     /// Backlash, compliance, connectors.
     pub transmission: bool,
     pub anisotropy: bool,
+    pub pyramid: bool,
     pub torsion: bool,
     pub deadband: bool,
 }
@@ -63,6 +64,10 @@ pub(crate) struct LaneParams<L> {
     pub soft: L,
     pub push: L,
     pub friction: L,
+    /// Force-dependent slip / h.
+    pub slip: L,
+    /// One where a pyramid limits friction.
+    pub pyramid: L,
     pub bounce: L,
     pub bounce_speed: L,
     /// Unit vector along which friction is nominal, and the ratio.
@@ -112,6 +117,8 @@ impl<L: Lane> LaneParams<L> {
             soft: lanes(&|p| p.contact_law(h).0 / h),
             push: lanes(&|p| p.contact_law(h).1 / h),
             friction: lanes(&|p| p.friction),
+            slip: lanes(&|p| p.slip_m_s_n / h),
+            pyramid: lanes(&|p| f64::from(u8::from(p.pyramid))),
             bounce: lanes(&|p| p.bounce),
             bounce_speed: lanes(&|p| p.bounce_speed_m_s),
             grain: (
@@ -180,6 +187,7 @@ impl Switches {
         let mut s = Switches::default();
         for p in trials {
             s.anisotropy |= p.anisotropy_ratio != 1.0;
+            s.pyramid |= p.pyramid;
             s.torsion |= p.torsional_m != 0.0;
             for j in &p.joints {
                 s.rub |= j.coulomb_nm != 0.0

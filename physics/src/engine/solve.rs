@@ -170,7 +170,10 @@ fn point<L: Lane>(tree: &Tree, p: &LaneParams<L>, switches: &Switches, k: usize,
         .max(L::zero())
         .only(slot.active);
     let push = normal - old.z;
-    let (x, y) = (v.x + slot.a_xz * push, v.y + slot.a_yz * push);
+    let (x, y) = (
+        v.x + slot.a_xz * push + slot.slip * old.x,
+        v.y + slot.a_yz * push + slot.slip * old.y,
+    );
     let [txx, txy, tyy] = slot.t_inv;
     let tx = old.x - (txx * x + txy * y);
     let ty = old.y - (txy * x + tyy * y);
@@ -222,15 +225,21 @@ fn cone<L: Lane>(
 /// Square of a tangential impulse, measured so that Coulomb's limit is a circle.
 #[inline(always)]
 fn size2<L: Lane>(p: &LaneParams<L>, switches: &Switches, t: (L, L)) -> L {
-    let plain = t.0 * t.0 + t.1 * t.1;
-    if !switches.anisotropy {
-        return plain;
+    let mut out = t.0 * t.0 + t.1 * t.1;
+    let mut edges = t;
+    if switches.anisotropy {
+        let along = t.0 * p.grain.0 + t.1 * p.grain.1;
+        let across = (t.1 * p.grain.0 - t.0 * p.grain.1) * p.inv_anisotropy;
+        let one = L::one();
+        let equal = p.anisotropy.lt(one).or(p.anisotropy.gt(one)).not();
+        out = out.or_else(equal, along * along + across * across);
+        edges = (t.0.or_else(equal, along), t.1.or_else(equal, across));
     }
-    let along = t.0 * p.grain.0 + t.1 * p.grain.1;
-    let across = (t.1 * p.grain.0 - t.0 * p.grain.1) * p.inv_anisotropy;
-    let one = L::one();
-    let equal = p.anisotropy.lt(one).or(p.anisotropy.gt(one)).not();
-    plain.or_else(equal, along * along + across * across)
+    if switches.pyramid {
+        let sum = edges.0.abs() + edges.1.abs();
+        out = (sum * sum).or_else(p.pyramid.gt(L::zero()), out);
+    }
+    out
 }
 
 /// Torsional friction of one contact point: a couple about the vertical, at most coefficient times normal impulse.

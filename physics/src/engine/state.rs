@@ -108,6 +108,8 @@ pub(crate) struct Slot<L: Lane> {
     pub turn: [V3<L>; 3],
     /// Softness CFM / h.
     pub soft: L,
+    /// Creep per impulse of a tangent: see [`crate::Params::slip_m_s_n`].
+    pub slip: L,
     /// Torsional impulse and 1 / its diagonal.
     pub spin: L,
     pub inv_spin: L,
@@ -237,6 +239,7 @@ impl<L: Lane> Slot<L> {
             slide: z,
             turn: [v; 3],
             soft: z,
+            slip: z,
             spin: z,
             inv_spin: z,
             carried_spin: z,
