@@ -407,9 +407,29 @@ def body_cases():
     return out
 
 
+def default_cases():
+    """Robots on the contacts that MuJoCo comes with: soft, a pyramid for a cone of friction, and what sticks creeps."""
+    come = {"solref": (0.02, 1.0), "impratio": 1.0, "cone": "pyramidal"}
+    seen = [
+        ("null_31", 31, {}), ("null_37", 37, {}), ("null_3", 3, {}), ("null_11", 11, {}), ("null_19", 19, {}),
+        ("friction_0.5", 7, {"friction": 0.5}), ("friction_0.3", 13, {"friction": 0.3}), ("friction_1.5", 17, {"friction": 1.5}),
+        ("mass_0.75", 9, {"mass": 0.75}), ("mass_1.3", 21, {"mass": 1.3}), ("slope_0.05_-0.06", 15, {"slope": (0.05, -0.06)}),
+        ("com_y_0.03", 25, {"middle": (0.0, 0.03, 0.0)}), ("torsional_0.02", 29, {"torsional": 0.02}), ("soft_0.06", 33, {"solref": (0.06, 1.0)}),
+        ("coulomb_2", 2, {"coulomb": {2: 0.5}}), ("latency_1", 4, {"latency": {1: 0.08}}), ("offset_3", 6, {"offset": {3: 0.12}}),
+        ("torque_2", 8, {"torque": {2: 1.0}}), ("scale_0_friction", 10, {"scale": {0: 1.1}, "friction": 0.45}),
+    ]
+    blind = [("null_5", 5, {}), ("null_23", 23, {}), ("friction_0.5", 7, {"friction": 0.5})]
+    columns = ("applied", "position", "current", "duty", "bus_v")
+    return [
+        Case(start + name, Robot(**(come | robot)), (), imu=imu, first=first, columns=columns)
+        for start, imu, all_of in (("di_", True, seen), ("do_", False, blind))
+        for name, first, robot in all_of
+    ]
+
+
 if __name__ == "__main__":
     import sys
 
-    for case in cases() + body_cases():
+    for case in cases() + body_cases() + default_cases():
         if case.name in sys.argv[2:] or any(x.endswith("*") and case.name.startswith(x[:-1]) for x in sys.argv[2:]):
             generate(case, Path(sys.argv[1]) / case.name, 1)

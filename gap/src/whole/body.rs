@@ -7,6 +7,8 @@ use std::sync::Arc;
 use files::model::Model;
 use physics::{Outcome, Params, Robot, Trial};
 
+use contacts::Grip;
+
 pub(super) use super::body_answer::{Found, diagnose};
 use super::body_library::coordinates;
 use super::data::{Data, JOINTS};
@@ -14,6 +16,7 @@ use super::search::Evaluate;
 use super::windows::{self, LinkMap, PERIOD_S, Window};
 use super::{inertial, nominal, turn};
 use crate::math;
+pub(super) use contacts::Contacts;
 
 /// Coordinates of the body; those of the joints follow, four per joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -120,6 +123,8 @@ pub(super) struct Tier {
     floor: [f64; 3],
     /// Windows start from the inertial sensor.
     sensed: bool,
+    /// How its contacts hold.
+    grip: Grip,
     pub(super) group: Vec<usize>,
     pub(super) groups: usize,
     pub(super) maps: [LinkMap; JOINTS],
@@ -182,6 +187,7 @@ impl Tier {
             factors: Vec::new(),
             floor: FLOOR,
             sensed: false,
+            grip: Grip::Cone,
             groups: names.len(),
             all: (windows.clone(), group.clone()),
             group,
@@ -371,6 +377,7 @@ impl Tier {
         self.maps = other.maps;
         self.order = other.order;
         self.floor = other.floor;
+        self.grip = other.grip;
         self.weigh();
     }
 
@@ -399,6 +406,7 @@ impl Tier {
         {
             p = with;
         }
+        self.grip.put(&mut p);
         p.friction *= get(B::Friction);
         p.bounce = get(B::Bounce);
         p.erp = get(B::Erp);
