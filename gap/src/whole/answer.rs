@@ -6,7 +6,7 @@ use super::advice;
 use super::belief::{Belief, Remainder};
 use super::found::{self, Item};
 use super::score::{JointRow, Metrics, Score, State, bootstrap, unit};
-use super::{Parts, Settings, conventions, joints, places, search, unseen};
+use super::{Parts, Settings, body, conventions, joints, places, search, unseen};
 use crate::math;
 use crate::sentence::{fall, listed};
 use crate::verdict::*;
@@ -271,7 +271,19 @@ fn ambiguous(d: &Parts, items: &[Item]) -> Vec<Ambiguous> {
     out
 }
 
-fn sentence(word: Word, gap: &Gap, rows: &[EffectRow], place: &[Where]) -> String {
+/// What is said where windows of the body were played on other contacts than the simulator's.
+const FOREIGN: &str = " The ground holds otherwise than the simulator's: windows of the body were played on contacts that creep inside a pyramid of friction. The patch has the simulator's own.";
+
+fn sentence(d: &Parts, word: Word, gap: &Gap, rows: &[EffectRow], place: &[Where]) -> String {
+    let foreign = |b: &body::Found| b.contacts == body::Contacts::Foreign;
+    let mut out = cause(word, gap, rows, place);
+    if d.body.as_ref().is_some_and(foreign) {
+        out.push_str(FOREIGN);
+    }
+    out
+}
+
+fn cause(word: Word, gap: &Gap, rows: &[EffectRow], place: &[Where]) -> String {
     let name = |r: &EffectRow| match r.joint {
         Some(k) => format!("{} (joint {k})", r.effect.plain()),
         None => r.effect.plain().to_string(),
@@ -357,7 +369,7 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
     let verdict = Verdict {
         schema: "rb.gap/1".into(),
         verdict: word,
-        sentence: sentence(word, &gap, &effects, &place),
+        sentence: sentence(d, word, &gap, &effects, &place),
         partial: false,
         next_experiment: advice::next(&ambiguous, word, late),
         unseen: unseen::unseen(d, settings),

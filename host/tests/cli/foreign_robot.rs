@@ -4,10 +4,15 @@
 use crate::foreign_reality::{played, verdict};
 
 /// Cases of the script, and the effect that causes their gap, with its joint, parameter, value and how far off that may be; none for the robot that is as stated.
-/// `bi_` has an inertial sensor, whose windows are sharp enough to tell the engines' contacts apart. Delays: set-points are 50 ms apart, readings 25.
-const CASES: [(&str, Option<Cause>); 4] = [
+/// `bi_` has an inertial sensor, whose windows are sharp enough to tell the engines' contacts apart; `di_` stands on contacts as MuJoCo comes with. Delays: set-points are 50 ms apart, readings 25.
+const CASES: [(&str, Option<Cause>); 6] = [
     ("w_null", None),
     ("bi_null_a", None),
+    ("di_null_11", None),
+    (
+        "di_coulomb_2",
+        Some(("coulomb_friction", Some(2), "torque_nm", [0.5, 0.1])),
+    ),
     (
         "w_latency_1",
         Some(("latency", Some(1), "delay_s", [0.08, 0.004])),
@@ -30,6 +35,8 @@ fn robots_of_another_engine_are_diagnosed() {
     for (name, cause) in CASES {
         let v = verdict(&folder, name);
         let found = v["effects"].as_array().unwrap();
+        let creeps = v["sentence"].as_str().unwrap().contains("creep");
+        assert_eq!(creeps, name.starts_with("di_"), "{name}: {}", v["sentence"]);
         match cause {
             None => assert_eq!(v["verdict"], "none", "{name}: {}", v["sentence"]),
             Some((effect, joint, key, [value, off])) => {
