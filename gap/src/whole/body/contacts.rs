@@ -133,6 +133,11 @@ impl Tier {
         self.other_makes(theta).into_iter().map(make).collect()
     }
 
+    /// Whether windows start from an inertial sensor.
+    pub(in crate::whole) const fn sensed(&self) -> bool {
+        self.sensed
+    }
+
     /// The tolerances that its measurements allow, whatever they have been widened to.
     const fn told_floor(&self) -> [f64; 3] {
         if self.sensed { FLOOR } else { FLOOR_BLIND }
