@@ -19,7 +19,7 @@ use crate::verdict::{EffectRow, Verdict};
 use crate::vocabulary::Effect;
 
 /// Times the error of whole runs without a limit that one is none with: right limits made runs up to 2.2 times worse, lost set-points that looked like one 3.2 times and
-/// more.
+/// more. Where echo and torque are recorded right ones made runs 0.1 to 0.8 times as wrong, a clock's skew and a zero that must not be named 1.5 to 4.8 times.
 const COLLAPSED: f64 = 2.5;
 
 /// Times the error of whole runs without a play or a spring that one is none with, unless windows of these runs end so much nearer with it. Right ones made runs 0.2 to
@@ -107,12 +107,12 @@ fn given(d: &mut Parts, verdict: &Verdict, whole: &Runs<'_>, score: &Score) -> b
     true
 }
 
-/// Takes limits away with which whole runs are foretold far worse than without, of joints that show neither echo nor torque: their set-points come otherwise than they
-/// were sent. Whether one went.
+/// Takes limits away with which whole runs are foretold far worse than without. Set-points of a joint that shows neither echo nor torque come otherwise than they
+/// were sent then; any other joint keeps what its limit bent to. Whether one went.
 fn limited(d: &mut Parts, verdict: &Verdict, whole: &Runs<'_>) -> bool {
     let held = |f: &Found| {
         let row = |r: &&EffectRow| limits(r.effect) && r.joint == Some(f.tier.joint);
-        silent(d, f) && verdict.effects.iter().any(|r| row(&r))
+        verdict.effects.iter().any(|r| row(&r))
     };
     let held: Vec<usize> = (0..d.joints.len())
         .filter(|k| held(&d.joints[*k]))
@@ -135,13 +135,18 @@ fn limited(d: &mut Parts, verdict: &Verdict, whole: &Runs<'_>) -> bool {
         return false;
     }
     for at in &gone {
+        let silent = silent(d, &d.joints[*at]);
         let f = &mut d.joints[*at];
         while let Some(m) = none(&f.answer) {
             let without = f.answer.removed_alone[m].0.clone();
             f.answer.drop_member(m, without);
         }
         f.look();
-        f.late = true;
+        if silent {
+            f.late = true;
+        } else {
+            f.refuted = true;
+        }
     }
     last_word::mark(&mut d.joints, d.body.is_some());
     true
