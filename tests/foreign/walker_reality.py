@@ -382,8 +382,6 @@ def body_cases():
     }
     for name, knobs in contacts.items():
         add(f"null_{name}", **knobs)
-    # MuJoCo as it comes.
-    add("null_default", solref=(0.02, 1.0), impratio=1.0, cone="pyramidal")
     add("null_facets", points=260)
     add("null_meek", more={"vigour": 0.6})
     add("null_lively", more={"vigour": 1.35})

@@ -203,9 +203,7 @@ impl Tier {
             (theta[B::Roll as usize], theta[B::Pitch as usize]) = (roll, pitch);
         }
         out.sensed = out.inertial(data);
-        if !out.sensed {
-            out.floor = FLOOR_BLIND;
-        }
+        out.floor = out.told_floor();
         out.settle(data, theta);
         (!out.windows.is_empty()).then_some(out)
     }

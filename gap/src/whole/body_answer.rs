@@ -26,10 +26,10 @@ const FOREIGN: f64 = 4.0;
 /// Cost, at the tolerances that the measurements allow, above which contacts are tried that hold by the other law: emulated robots without a cause leave up to
 /// 1.8, robots that another engine plays 2.2 and more.
 const GRIPPED: f64 = 2.1;
-/// Without an inertial sensor, cost above which something else is missing first: three robots of MuJoCo leave 2.3 to 3.2, one whose order of joints is not known yet 8.4.
+/// Without an inertial sensor, cost above which something else is missing first: three robots of MuJoCo leave 2.3 to 3.2, one of the tests' stand-ins whose order of joints is not known yet 8.4.
 const GRIPPED_BLIND: f64 = 4.0;
 /// Share of the cost that contacts of the other law must leave at most to be taken for the robot's. Of 64 diagnoses of emulated robots, causes that must not be
-/// named among them, none left less than 1.01; robots that MuJoCo plays as it comes 0.68 to 0.97 (16 of 19), with a round cone 0.86 to 1.38.
+/// named among them, none left less than 1.01; robots that MuJoCo plays as it comes 0.70 to 0.98 (16 of 19), with a round cone 0.86 to 1.38.
 const BETTER: f64 = 0.98;
 /// Share above which the contacts are the simulator's own: 1.21 to 1.47 on emulated robots whose remainder is small, and on one of nine that MuJoCo plays with a
 /// round cone, a hard one.

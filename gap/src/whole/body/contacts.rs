@@ -1,8 +1,9 @@
 //! How engines differ: a remainder is something that the simulator misses only where it is more than what contacts of another make leave.
 //!
-//! Every window ends elsewhere when its contacts give, push apart faster or touch at a surface that lies within the tolerance of the ball. How far
-//! and in which directions is played for each window, and is part of what it may be off by. Emulated robots, whose body is played by this
-//! project's own equations, leave 0.6 times as much then; robots that MuJoCo plays 0.6 to 0.8 times.
+//! Every window ends elsewhere when its contacts hold by another law, give, push apart faster or touch at a surface that lies within the tolerance of the
+//! ball. How far and in which directions is played for each window, and is part of what it may be off by. Without a cause emulated robots, whose body is
+//! played by this project's own equations, leave 0.5 times as much then; robots that MuJoCo plays 0.5 to 0.6 times.
+//! Where the other law explains the windows better, the body is searched on it instead ([`Grip`]).
 
 use std::sync::Arc;
 
@@ -20,7 +21,7 @@ const GIVING: [f64; 2] = [2.0e4, 60.0];
 const PUSHING: f64 = 0.5;
 /// Creep of a contact point, m/s per N, of grounds that hold by another law. MuJoCo's default contact creeps by 0.001 m/s per m/s2 of what a point
 /// must hold (`solimp` 0.9, `solref` 0.02: (1 - d) / d over 2 / (d tc)), which is this at the half kilogram that a point moves. Windows of 1 s from exact
-/// starts end 12 to 20 mm off (root mean square, MuJoCo's default and impratio 1 with its pyramid) instead of 17 to 25 mm then; 0.001 to 0.004 are as good.
+/// starts end 10 and 21 mm off (root mean square; impratio 1 with a pyramid, and MuJoCo's default) instead of 18 and 25 mm then; 0.001 to 0.004 are as good.
 const CREEPING_M_S_N: f64 = 0.002;
 
 /// How contact points hold on the ground.
@@ -139,7 +140,7 @@ impl Tier {
     }
 
     /// The tolerances that its measurements allow, whatever they have been widened to.
-    const fn told_floor(&self) -> [f64; 3] {
+    pub(super) const fn told_floor(&self) -> [f64; 3] {
         if self.sensed { FLOOR } else { FLOOR_BLIND }
     }
 
