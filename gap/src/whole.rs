@@ -150,6 +150,7 @@ fn split(data: &Data) -> Split {
 
 /// A diagnosis.
 pub struct Diagnosis {
+    /// The nominal model on the contacts that windows show.
     model: Model,
     verdict: Verdict,
     joints: Vec<score::JointRow>,
@@ -194,11 +195,13 @@ impl Diagnosis {
         page::html(&self.verdict, &self.joints, self.replay.as_ref())
     }
 
-    /// Adds the error of whole runs, which no window restarts: nominal, and with the patch.
+    /// Adds the error of whole runs, which no window restarts: nominal, on the contacts that windows show, and with the patch.
     fn add_rollouts(&mut self, data: &Data, runs: &[usize], nominal: &Arc<Params>) {
-        let Ok(patched) = Params::try_from(&self.patch()).map(Arc::new) else {
+        let of = |model: &Model| Params::try_from(model).map(Arc::new);
+        let (Ok(held), Ok(patched)) = (of(&self.model), of(&self.patch())) else {
             return;
         };
+        let same = body::Grip::of(&held) == body::Grip::of(nominal);
         self.replay = replay::Replay::new(data, runs, &self.model, nominal, &patched);
         let mean = |params, which: usize| {
             let v: Vec<f64> = predict::errors(data, runs, params)
@@ -208,9 +211,11 @@ impl Diagnosis {
             (!v.is_empty()).then(|| crate::math::mean(&v))
         };
         for (which, name) in [(0, "pose_rollout_rmse_m"), (1, "speed_error")] {
-            if let (Some(before), Some(after)) = (mean(nominal, which), mean(&patched, which)) {
+            let before = mean(nominal, which);
+            let held = if same { before } else { mean(&held, which) };
+            if let (Some(before), Some(held), Some(after)) = (before, held, mean(&patched, which)) {
                 let metrics = &mut self.verdict.metrics;
-                metrics.insert(name.into(), [before, before, after]);
+                metrics.insert(name.into(), [before, held, after]);
             }
         }
     }
@@ -264,6 +269,10 @@ pub fn diagnose(
     let score = task.score(&seen, &joints, &loads, camera.is_some());
     last_word::refuted(&score, &mut joints, seen.body.is_some());
     let (fit_runs, score_runs) = (seen.split.fit, seen.split.score);
+    // All that follows plays whole runs on the contacts that windows show.
+    let held = seen.body.as_ref().map(|b| b.tier.grip().on(model));
+    let nominal = model;
+    let model = held.as_ref().unwrap_or(nominal);
     let mut parts = Parts {
         body: seen.body,
         camera,
@@ -294,7 +303,7 @@ pub fn diagnose(
     out.question = open.map(|open| experiment::Question::new(open, &parts));
     out.add_rollouts(&parts.data, &score_runs, &params);
     let similar = |params: &Arc<Params>| {
-        film::similarity(&parts.data, films, manifest, model, &score_runs, params)
+        film::similarity(&parts.data, films, manifest, nominal, &score_runs, params)
     };
     if let (Some(before), Ok(patched)) = (similar(&params), Params::try_from(&out.patch()))
         && let Some(after) = similar(&Arc::new(patched))

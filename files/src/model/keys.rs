@@ -59,6 +59,10 @@ pub enum Key {
     CpgNoise,
     /// Approach speed below which nothing bounces.
     BounceSpeed,
+    /// Creep of a contact point under load.
+    ContactSlip,
+    /// Whether a pyramid inside Coulomb's cone limits friction.
+    FrictionPyramid,
     /// Largest touch-down speed of an acceptable gait.
     ImpactLimit,
 }
@@ -137,12 +141,14 @@ const INFO: [KeyInfo; Key::COUNT] = [
     KeyInfo { table: "robot", key: "ball_radius_m", table_ii: None, min: 0.01, max: 1.0, search: (0.01, 1.0), hand: 0.062, meta_optimised: 0.062, tolerance: 0.0005, meaning: "radius of the ball a half-sphere is cut from", source: "design parameter: rounder than the cube, larger than a ball of one edge" },
     KeyInfo { table: "simulation", key: "cpg_noise_rad", table_ii: None, min: 0.0, max: 1.0, search: (0.0, 1.0), hand: 0.02, meta_optimised: 0.02, tolerance: 0.02, meaning: "standard deviation of the noise on the CPG outputs", source: "not in the paper; 0.02 rad is about one degree, the repeatability of a geared joint" },
     KeyInfo { table: "simulation", key: "bounce_speed_m_s", table_ii: None, min: 0.0, max: 1.0, search: (0.0, 1.0), hand: 0.01, meta_optimised: 0.01, tolerance: 0.0, meaning: "approach speed below which nothing bounces", source: "Webots default for a contact's bounceVelocity" },
+    KeyInfo { table: "simulation", key: "contact_slip_m_s_n", table_ii: None, min: 0.0, max: 0.1, search: (0.0, 0.1), hand: 0.0, meta_optimised: 0.0, tolerance: 0.0, meaning: "creep of a contact point under load", source: "Webots default for a contact's forceDependentSlip" },
+    KeyInfo { table: "simulation", key: "friction_pyramid", table_ii: None, min: 0.0, max: 1.0, search: (0.0, 1.0), hand: 0.0, meta_optimised: 0.0, tolerance: 0.0, meaning: "friction limited by Coulomb's round cone (below 0.5) or by a pyramid inside it (from 0.5 on)", source: "Coulomb's law: alike in all directions" },
     KeyInfo { table: "simulation", key: "impact_limit_m_s", table_ii: None, min: 0.0, max: 10.0, search: (0.0, 10.0), hand: 0.5, meta_optimised: 0.5, tolerance: 0.1, meaning: "largest touch-down speed of an acceptable gait", source: "not in the paper; a fall of 13 mm, a fifth of the ball radius" },
 ];
 
 impl Key {
     /// How many there are.
-    pub const COUNT: usize = 28;
+    pub const COUNT: usize = 30;
 
     /// Every key, in the order of the file.
     #[rustfmt::skip]
@@ -151,7 +157,8 @@ impl Key {
         Key::Mass4, Key::Mass5, Key::Mass6, Key::Mass7, Key::Mass8, Key::IntraSpeed,
         Key::IntraTorque, Key::IntraGain, Key::IntraDamping, Key::InterSpeed, Key::InterTorque,
         Key::InterGain, Key::InterDamping, Key::CameraHeight, Key::CameraTimeShift, Key::Twist,
-        Key::Cube, Key::BallRadius, Key::CpgNoise, Key::BounceSpeed, Key::ImpactLimit,
+        Key::Cube, Key::BallRadius, Key::CpgNoise, Key::BounceSpeed, Key::ContactSlip,
+        Key::FrictionPyramid, Key::ImpactLimit,
     ];
 
     /// The 22 parameters of Table II in its order.

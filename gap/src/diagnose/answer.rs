@@ -442,6 +442,7 @@ pub(super) fn empty() -> Verdict {
         next_experiment: None,
         pulled: BTreeMap::new(),
         displaced: Vec::new(),
+        contacts: None,
         provenance: Provenance {
             tool: concat!("gap ", env!("CARGO_PKG_VERSION")).into(),
             commit: None,

@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use super::words::{floor, number, word};
+use super::words::{contacts, floor, number, word};
 use crate::verdict::Verdict;
 
 /// Markdown: the same numbers as the JSON, to four digits.
@@ -20,6 +20,9 @@ pub fn markdown(v: &Verdict) -> String {
     );
     gap(&mut s, v);
     places(&mut s, v);
+    if let Some(c) = &v.contacts {
+        let _ = write!(s, "\n{}\n", contacts(c));
+    }
     effects(&mut s, v);
     s.push_str("\n## How far\n\n");
     for stair in &v.staircase {

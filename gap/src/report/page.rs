@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::words::{
-    escape, floor, metric, number, parameter, place, quantity, regime, stage, word,
+    contacts, escape, floor, metric, number, parameter, place, quantity, regime, stage, word,
 };
 use crate::verdict::{EffectRow, Verdict, Where};
 
@@ -43,6 +43,9 @@ pub(crate) fn html(v: &Verdict, evidence: &Evidence) -> String {
     next(&mut s, v);
     s.push_str("<h2>Where</h2>");
     places(&mut s, v);
+    if let Some(c) = &v.contacts {
+        let _ = write!(s, "<p>{}</p>", escape(&contacts(c)));
+    }
     s.push_str("<h2>How far it shrinks</h2>");
     stairs(&mut s, v);
     s.push_str("<h2>Evidence</h2>");

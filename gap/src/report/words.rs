@@ -1,6 +1,6 @@
 //! Numbers, units and names as a tired person reads them.
 
-use crate::verdict::{Verdict, Where, Word};
+use crate::verdict::{Contacts, Law, Verdict, Where, Word};
 
 /// Four significant digits.
 pub(crate) fn number(x: f64) -> String {
@@ -14,6 +14,46 @@ pub(crate) fn number(x: f64) -> String {
     } else {
         format!("{x:.3e}")
     }
+}
+
+/// How the ground holds, and from what that is told.
+pub(super) fn contacts(c: &Contacts) -> String {
+    let own = number(c.left_nominal);
+    let mut out = format!(
+        "On the nominal model's contacts windows of the body leave {own} squared tolerances a number"
+    );
+    match c.left_other {
+        None => out.push_str("; nothing asks for contacts of another law."),
+        Some(other) => {
+            let whose = match c.law {
+                Law::Nominal => "the contacts are the nominal model's",
+                Law::Unclear => "whose contacts these are cannot be told",
+                Law::Other => "the contacts are of another law than the nominal model's",
+            };
+            let (other, ratio) = (number(other), number(other / c.left_nominal));
+            out.push_str(&format!(
+                ", on contacts of the other law {other} (ratio {ratio}): {whose}."
+            ));
+        }
+    }
+    if let Some(left) = c.left_any_make {
+        let left = number(left);
+        out.push_str(&format!(
+            " Beyond what contacts of any make explain {left} stay."
+        ));
+    }
+    if c.law == Law::Other {
+        let limit = if c.friction_pyramid {
+            "a pyramid of friction"
+        } else {
+            "a round cone of friction"
+        };
+        let slip = number(c.contact_slip_m_s_n);
+        out.push_str(&format!(
+            " The patch has {limit} and a creep of {slip} m/s per N."
+        ));
+    }
+    out
 }
 
 /// Text that stands in HTML as it is.

@@ -41,6 +41,7 @@ impl Scores {
             body: d.body.as_ref().map_or_else(Vec::new, |b| of(&b.answer)),
             camera: d.camera.as_ref().map_or_else(Vec::new, |c| of(&c.answer)),
             conventions: true,
+            held: true,
         };
         // Without what was found outside the tiers' models.
         let bare = |mut state: State| {
@@ -50,7 +51,10 @@ impl Scores {
             }
             state
         };
-        let first = bare(pick(&|a| a.nominal.clone()));
+        let first = State {
+            held: false,
+            ..bare(pick(&|a| a.nominal.clone()))
+        };
         let base = pick(&|a| a.steps[0].theta.clone());
         let last = pick(&|a| a.last().theta.clone());
         let outside = items.iter().any(Item::outside);
@@ -272,10 +276,10 @@ fn ambiguous(d: &Parts, items: &[Item]) -> Vec<Ambiguous> {
 }
 
 /// What is said where windows of the body were played on other contacts than the simulator's.
-const FOREIGN: &str = " The ground holds otherwise than the simulator's: windows of the body were played on contacts that creep inside a pyramid of friction. The patch has the simulator's own.";
+const FOREIGN: &str = " The ground holds otherwise than the simulator's: windows of the body were played on contacts that creep inside a pyramid of friction, and the patch has them.";
 
 fn sentence(d: &Parts, word: Word, gap: &Gap, rows: &[EffectRow], place: &[Where]) -> String {
-    let foreign = |b: &body::Found| b.contacts == body::Contacts::Foreign;
+    let foreign = |b: &body::Found| b.contacts.law == Law::Other;
     let mut out = cause(word, gap, rows, place);
     if d.body.as_ref().is_some_and(foreign) {
         out.push_str(FOREIGN);
@@ -382,6 +386,7 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
         effects,
         probabilities: belief.probabilities(),
         ambiguous,
+        contacts: d.body.as_ref().map(|b| b.contacts.clone()),
         provenance: Provenance {
             tool: concat!("rb-gap ", env!("CARGO_PKG_VERSION")).into(),
             commit: None,

@@ -7,8 +7,6 @@ use std::sync::Arc;
 use files::model::Model;
 use physics::{Outcome, Params, Robot, Trial};
 
-use contacts::Grip;
-
 pub(super) use super::body_answer::{Found, diagnose};
 use super::body_library::coordinates;
 use super::data::{Data, JOINTS};
@@ -16,7 +14,7 @@ use super::search::Evaluate;
 use super::windows::{self, LinkMap, PERIOD_S, Window};
 use super::{inertial, nominal, turn};
 use crate::math;
-pub(super) use contacts::Contacts;
+pub(super) use contacts::Grip;
 
 /// Coordinates of the body; those of the joints follow, four per joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -187,7 +185,7 @@ impl Tier {
             factors: Vec::new(),
             floor: FLOOR,
             sensed: false,
-            grip: Grip::Cone,
+            grip: Grip::of(params),
             groups: names.len(),
             all: (windows.clone(), group.clone()),
             group,

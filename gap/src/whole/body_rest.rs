@@ -1,11 +1,12 @@
 //! What the body leaves when all that was found is in it: how much of it speaks, and where it arose.
 
-use super::body::{Contacts, FLEX, OFFSET, PLAY, RATIO, Tier, of_joint};
+use super::body::{FLEX, OFFSET, PLAY, RATIO, Tier, of_joint};
 use super::body_answer::{Found, limits, steepness};
 use super::body_library::coordinates;
 use super::data::JOINTS;
 use super::search::{Candidate, Coordinate, Evaluate, Fit, Limits, Search};
 use crate::math;
+use crate::verdict::Law;
 use crate::vocabulary::{Effect, Stage};
 
 /// What nothing that was found explains.
@@ -105,19 +106,22 @@ impl Found {
         let (cost, place) = left.unwrap_or((0.0, None));
         let tilt = self.tilt();
         // Contacts sit in no joint.
-        let beyond = |found: &mut Self, [left, quiet]: [f64; 2]| {
-            if cost > 0.0 && place.is_none() {
-                found.beyond_contacts(&last.theta, left, quiet)
-            } else {
-                cost
+        let asked = self.contacts.law != Law::Nominal && cost > 0.0 && place.is_none();
+        let among = asked.then(|| self.among_makes(&last.theta)).flatten();
+        let beyond = |[left, quiet]: [f64; 2]| match &among {
+            Some(residuals) if speaks(residuals, left, quiet) => {
+                super::least::cost(residuals) / left
             }
+            Some(_) => 0.0,
+            None => cost,
         };
         // What was named beside contacts that are not the simulator's has bent to less.
-        let [beside, alone] = match self.contacts {
-            Contacts::Own => [cost; 2],
-            Contacts::Unclear => [BESIDE, UNCLEAR].map(|to| beyond(self, to)),
-            Contacts::Foreign => [beyond(self, FOREIGN); 2],
+        let [beside, alone] = match self.contacts.law {
+            Law::Nominal => [cost; 2],
+            Law::Unclear => [BESIDE, UNCLEAR].map(beyond),
+            Law::Other => [beyond(FOREIGN); 2],
         };
+        self.contacts.left_any_make = among.as_deref().map(super::least::cost);
         let over = |x: f64| if x > 1.0 { x } else { 0.0 };
         let place = place
             .filter(|_| tilt <= 1.0)
@@ -130,14 +134,9 @@ impl Found {
         };
     }
 
-    /// What the body `theta` leaves beyond contacts of other makes, over the `least` in all where the calmer gaits leave more than is `quiet`; else 0.
-    fn beyond_contacts(&mut self, theta: &[f64], least: f64, quiet: f64) -> f64 {
-        let left = self.tier.among_makes(theta, |tier| {
-            let residuals = tier.residuals(theta);
-            let speaks = speaks(&residuals, least, quiet);
-            f64::from(u8::from(speaks)) * super::least::cost(&residuals) / least
-        });
-        left.unwrap_or(0.0)
+    /// What windows of the body `theta` leave where they may end off by what contacts of other makes do.
+    fn among_makes(&mut self, theta: &[f64]) -> Option<Vec<Vec<f64>>> {
+        self.tier.among_makes(theta, |tier| tier.residuals(theta))
     }
 
     /// How far gravity is off the tracker's vertical on a ground that is said to be level, over what the sensor's own error makes of it.

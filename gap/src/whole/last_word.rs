@@ -173,6 +173,7 @@ pub(super) fn refuted(score: &Score, joints: &mut [Found], replayed: bool) {
                 body: Vec::new(),
                 camera: Vec::new(),
                 conventions: true,
+                held: true,
             };
             let without = joints[at].answer.removed_alone[m].0.clone();
             let rows = score.by_joint(&state(&without), &state(joints[at].answer.last()));
@@ -196,6 +197,13 @@ impl Found {
     fn names(&self, effect: Effect) -> bool {
         let named = |m: &usize| self.answer.candidates[*m].effect == effect;
         self.answer.last().members.iter().any(named)
+    }
+
+    /// Whether a limit of its torque was found.
+    pub(super) fn limited(&self) -> bool {
+        let limit = J::MaxTorque as usize;
+        let own = |m: &usize| self.answer.candidates[*m].free.contains(&limit);
+        self.answer.last().members.iter().any(own)
     }
 
     /// Whether an effect of the drivetrain was found: its law stands beside any other.

@@ -13,7 +13,7 @@ use super::data::{Data, JOINTS};
 use super::direct::{Reading, exact};
 use super::joints::{Found, Tier};
 use super::least::solve;
-use super::servo::{J, Load};
+use super::servo::Load;
 use super::windows::{LinkMap, Window};
 use super::{body, friction, servo, windows};
 use crate::math;
@@ -110,14 +110,7 @@ impl Replay<'_> {
 
     /// The joints whose torques show their loads: one at its limit bears what its torque does not show.
     fn strong(&self) -> impl Iterator<Item = &Found> {
-        let limit = J::MaxTorque as usize;
-        let limited = move |f: &&Found| {
-            let found = f.answer.last().members.iter();
-            found
-                .map(|m| &f.answer.candidates[*m].free)
-                .any(|free| free.contains(&limit))
-        };
-        self.joints.iter().filter(move |f| !limited(f))
+        self.joints.iter().filter(|f| !f.limited())
     }
 
     /// Moments of the joints as they were found, under the loads of a body and its links.

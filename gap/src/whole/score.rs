@@ -28,6 +28,8 @@ pub(super) struct State {
     pub(super) camera: Vec<f64>,
     /// Whether the conventions found are applied.
     pub(super) conventions: bool,
+    /// Whether the body stands on the contacts that windows show, not on those of the nominal model.
+    pub(super) held: bool,
 }
 
 /// Values of every metric by run or gait.
@@ -174,7 +176,11 @@ impl Score {
         }
         let recorded = self.recorded.as_ref().filter(|_| !state.conventions);
         if let Some(tier) = recorded.or(self.body.as_ref()) {
-            let errors = tier.errors(&state.body);
+            let errors = if state.held {
+                tier.errors(&state.body)
+            } else {
+                tier.nominally_gripped().errors(&state.body)
+            };
             out.insert("pose_rmse_m", errors.iter().map(|e| e[0]).collect());
             out.insert("heading_rmse_rad", errors.iter().map(|e| e[1]).collect());
         }

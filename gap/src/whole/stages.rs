@@ -241,6 +241,11 @@ impl Task<'_> {
             }
         }
         if let Some(b) = &mut body {
+            let blunted = |r: &direct::Reading| bounce::blunted(b, r, joints);
+            if let Some(at) = seen.direct.iter().position(blunted) {
+                seen.direct.remove(at);
+                b.take_back(body::B::Bounce);
+            }
             b.weigh_rest(rough);
             if !slips && mass.is_none() {
                 b.look_again();

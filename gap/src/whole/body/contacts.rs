@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use files::model::{Effect, Key, Model};
+use files::model::{Effect, Key, Model, Parameter};
 use physics::{Params, Robot, Trial};
 
 use super::{B, FLOOR, FLOOR_BLIND, Tier, numbers};
@@ -25,40 +25,66 @@ const PUSHING: f64 = 0.5;
 const CREEPING_M_S_N: f64 = 0.002;
 
 /// How contact points hold on the ground.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::whole) enum Grip {
-    /// Coulomb's round cone, and what sticks does not move.
-    Cone,
-    /// A pyramid inside the cone, and what sticks creeps under load.
-    Creeping,
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::whole) struct Grip {
+    /// Friction is limited by a pyramid inside Coulomb's cone.
+    pub(in crate::whole) pyramid: bool,
+    /// What sticks creeps under load, m/s per N.
+    pub(in crate::whole) slip_m_s_n: f64,
 }
 
 impl Grip {
-    pub(super) const fn put(self, params: &mut Params) {
-        params.pyramid = matches!(self, Self::Creeping);
-        params.slip_m_s_n = match self {
-            Self::Cone => 0.0,
-            Self::Creeping => CREEPING_M_S_N,
-        };
-    }
+    /// Coulomb's round cone, and what sticks does not move.
+    const CONE: Self = Self {
+        pyramid: false,
+        slip_m_s_n: 0.0,
+    };
+    /// A pyramid inside the cone, and what sticks creeps under load.
+    const CREEPING: Self = Self {
+        pyramid: true,
+        slip_m_s_n: CREEPING_M_S_N,
+    };
 
-    const fn other(self) -> Self {
-        match self {
-            Self::Cone => Self::Creeping,
-            Self::Creeping => Self::Cone,
+    /// That of a simulation.
+    pub(in crate::whole) const fn of(params: &Params) -> Self {
+        Self {
+            pyramid: params.pyramid,
+            slip_m_s_n: params.slip_m_s_n,
         }
     }
-}
 
-/// Whose contacts the windows show.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(in crate::whole) enum Contacts {
-    /// The simulator's: by the other law windows end further off, or nothing asks for another one.
-    Own,
-    /// Either law leaves as much.
-    Unclear,
-    /// Those of another law.
-    Foreign,
+    pub(super) const fn put(self, params: &mut Params) {
+        (params.pyramid, params.slip_m_s_n) = (self.pyramid, self.slip_m_s_n);
+    }
+
+    /// `model` on this grip.
+    pub(in crate::whole) fn on(self, model: &Model) -> Model {
+        let mut out = model.clone();
+        let pyramid = f64::from(u8::from(self.pyramid));
+        for (key, value) in [
+            (Key::FrictionPyramid, pyramid),
+            (Key::ContactSlip, self.slip_m_s_n),
+        ] {
+            let found = Parameter {
+                value,
+                tolerance: 0.0,
+                source: "gap report".into(),
+            };
+            if out.value(key) != value {
+                // In range: the constants above, or what stood in a model.
+                out.set_parameter(key, found).ok();
+            }
+        }
+        out
+    }
+
+    fn other(self) -> Self {
+        if self == Self::CONE {
+            Self::CREEPING
+        } else {
+            Self::CONE
+        }
+    }
 }
 
 impl Tier {
@@ -132,6 +158,18 @@ impl Tier {
             apart.map(Option::unwrap_or_default).collect()
         };
         self.other_makes(theta).into_iter().map(make).collect()
+    }
+
+    /// How its contacts hold.
+    pub(in crate::whole) const fn grip(&self) -> Grip {
+        self.grip
+    }
+
+    /// The same windows on the contacts of the nominal model.
+    pub(in crate::whole) fn nominally_gripped(&self) -> Self {
+        let mut out = self.clone();
+        out.grip = Grip::of(&self.base);
+        out
     }
 
     /// Whether windows start from an inertial sensor.
