@@ -8,13 +8,13 @@ use super::body::{self, B};
 use super::body_library;
 use super::camera::C;
 use super::clock::ONE_CLOCK;
-use super::intervals::{REPLAYED, estimates, played, sensed};
+use super::intervals::{REPLAYED, estimates, held_otherwise, played, sensed};
 use super::nominal::Nominal;
 use super::search::Answer;
 use super::servo::J;
 use super::steady::Change;
 use crate::math;
-use crate::verdict::Estimate;
+use crate::verdict::{Estimate, Law};
 use crate::vocabulary::{Effect, Stage};
 
 /// Where an item lives.
@@ -414,6 +414,11 @@ fn all(d: &Parts) -> Vec<Item> {
             estimates(&camera_parameters(x.effect), &x.free, last)
         }));
         out.extend(c.tier.drops().map(frame_drop));
+    }
+    let held = d.body.as_ref().map(|b| b.contacts.law);
+    if held.is_some_and(|law| law != Law::Nominal) {
+        let widen = |i: &mut Item| held_otherwise(i.effect, &mut i.parameters);
+        out.iter_mut().for_each(widen);
     }
     // What changes during a run is none of the library's.
     match d.body.as_ref().and_then(|b| b.changes) {

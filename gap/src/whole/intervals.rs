@@ -96,6 +96,22 @@ pub(super) fn played(
     }
 }
 
+/// Adds what a number of the body is off by where contacts are not plainly the nominal model's: on robots that MuJoCo plays as it comes frictions of 0.3, 0.45, 0.5
+/// and 0.5 came out 0.29, 0.40, 0.29 and 0.30, a torsional friction of 20 mm 11 mm, masses of 0.75 and 1.3 0.75 and 1.43.
+pub(super) fn held_otherwise(effect: Effect, own: &mut BTreeMap<String, Estimate>) {
+    let share = match effect {
+        Effect::GroundFriction => 0.4,
+        Effect::TorsionalFriction => 0.5,
+        Effect::Mass => 0.07,
+        _ => return,
+    };
+    for e in own.values_mut() {
+        widen(e, share * e.value);
+        // None of the three is below nought.
+        e.ci95[0] = e.ci95[0].max(0.0);
+    }
+}
+
 /// Relative error of a torsional friction: 0.78, 0.77 and 0.91 of the truth where windows are played by a contact solver of as many sweeps
 /// as the simulator's (emulated robots, whose reality has twice as many).
 const TWISTED: f64 = 0.2;

@@ -156,6 +156,9 @@ struct Places {
 }
 
 impl Places {
+    /// Verdicts with all of the library.
+    const WHOLE: &str = "whole_verdicts";
+
     fn new(output: &Path, leave_out: bool) -> Outcome<Self> {
         let places = Self {
             cases: output.join("whole_cases"),
@@ -163,7 +166,7 @@ impl Places {
             verdicts: output.join(if leave_out {
                 "whole_verdicts_left_out"
             } else {
-                "whole_verdicts"
+                Self::WHOLE
             }),
         };
         for d in [&places.cases, &places.labels, &places.verdicts] {
@@ -307,15 +310,17 @@ impl Suite<'_> {
     }
 
     fn score(&self, places: &Places, seal: &str, context: &Context) -> Outcome {
-        let pairs: Vec<(Value, Value)> = (0..self.count)
+        let whole = self.output.join(Places::WHOLE);
+        let (pairs, whole): (Vec<(Value, Value)>, Vec<Option<Value>>) = (0..self.count)
             .filter_map(|k| {
                 let label = read(&Places::file(&places.labels, k))?;
-                Some((label, read(&Places::file(&places.verdicts, k))?))
+                let verdict = read(&Places::file(&places.verdicts, k))?;
+                Some(((label, verdict), read(&Places::file(&whole, k))))
             })
-            .collect();
+            .unzip();
         let missing = self.count - pairs.len();
         let table = if self.leave_out {
-            score_whole::left_out(&pairs)
+            score_whole::left_out(&pairs, &whole)
         } else {
             score_whole::table(&pairs)
         };

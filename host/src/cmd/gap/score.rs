@@ -240,12 +240,24 @@ impl Opened {
     /// Whether the best that was found leaves more than two floors. Where neither an effect nor a nominal value beyond its
     /// tolerances was declared, all of a detectable effect is left.
     pub(super) fn far_off(&self) -> bool {
-        if self.said.is_empty() && self.displaced.is_empty() {
-            return true;
-        }
-        let g = &self.verdict["gap"];
-        let floor = g["floor"].as_f64().unwrap_or(f64::INFINITY);
-        g["after"].as_f64().unwrap_or(0.0) > DETECTABLE * floor
+        let floor = self.verdict["gap"]["floor"].as_f64();
+        self.silent_or(|after| after > DETECTABLE * floor.unwrap_or(f64::INFINITY))
+    }
+
+    /// The same in floors of the method: what the verdict `whole` of the same case, which had all of the library, leaves where it is right, if that is more
+    /// than repeats differ by.
+    pub(super) fn far_from(&self, whole: Option<&Value>) -> bool {
+        let right = |w: &&Value| Self::new(&(self.label.clone(), (*w).clone())).hits() > 0;
+        let metric = self.verdict["gap"]["metric"].as_str().unwrap_or("");
+        let left = whole.filter(right).map(|w| &w["metrics"][metric][2]);
+        let left = left.and_then(Value::as_f64).unwrap_or(0.0);
+        self.far_off() && self.silent_or(|after| after > DETECTABLE * left)
+    }
+
+    /// Whether nothing was declared, or else what is left `is` so.
+    fn silent_or(&self, is: impl Fn(f64) -> bool) -> bool {
+        let silent = self.said.is_empty() && self.displaced.is_empty();
+        silent || is(self.verdict["gap"]["after"].as_f64().unwrap_or(0.0))
     }
 
     /// Relative error of the first parameter of each rightly named effect.

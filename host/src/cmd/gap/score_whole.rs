@@ -69,52 +69,70 @@ pub(super) fn table(pairs: &[(Value, Value)]) -> Table {
     Table::new(rows, failures(&all, &any))
 }
 
-/// The figures with the planted effect of every single withheld from the library.
-pub(super) fn left_out(pairs: &[(Value, Value)]) -> Table {
-    let all: Vec<Opened> = pairs.iter().map(Opened::new).collect();
-    let clear: Vec<&Opened> = all.iter().filter(|o| o.floors("floors_any")).collect();
-    let (far, near): (Vec<&Opened>, Vec<&Opened>) =
-        clear.iter().copied().partition(|o| o.far_off());
+/// The figures with the planted effect of every single withheld from the library; beside each pair the verdict of the whole library, where there is one.
+pub(super) fn left_out(pairs: &[(Value, Value)], whole: &[Option<Value>]) -> Table {
+    let all: Vec<(Opened, Option<&Value>)> = pairs
+        .iter()
+        .zip(whole)
+        .map(|(pair, whole)| (Opened::new(pair), whole.as_ref()))
+        .filter(|(o, _)| o.floors("floors_any"))
+        .collect();
+    let right = |o: &Opened| o.word() == "unknown" && o.stage_right() && o.joint_right();
+    let equivalent = |o: &Opened| !o.said.is_empty() && o.stage_right() && o.joint_right();
+    let parted = |far: bool, is: &dyn Fn(&Opened, Option<&Value>) -> bool| -> Vec<&Opened> {
+        let own = all.iter().filter(|(o, whole)| is(o, *whole) == far);
+        own.map(|x| &x.0).collect()
+    };
+    let off = |o: &Opened, _: Option<&Value>| o.far_off();
+    let from = |o: &Opened, whole: Option<&Value>| o.far_from(whole);
+    let [far, near] = [true, false].map(|far| parted(far, &off));
+    let [beyond, within] = [true, false].map(|far| parted(far, &from));
     let unknown = |o: &Opened| o.word() == "unknown";
-    let placed = |o: &Opened| o.stage_right() && o.joint_right();
-    let right = |o: &Opened| unknown(o) && placed(o);
-    let equivalent = |o: &Opened| !o.said.is_empty() && placed(o);
-    let wrong = |o: &&&Opened| {
+    let said = |o: &Opened| o.word() != "none";
+    let of = |name, group: &Vec<&Opened>, is: &dyn Fn(&Opened) -> bool, target| {
+        row(name, share(group, is), group.len(), target)
+    };
+    let rows = vec![
+        of("unknown, more than 2 floors left", &far, &unknown, "-"),
+        of(
+            "unknown, right stage and joint, more than 2 floors left",
+            &far,
+            &right,
+            ">= 0.85",
+        ),
+        of(
+            "something said or unknown, more than 2 floors left",
+            &far,
+            &said,
+            "-",
+        ),
+        of(
+            "an equivalent with right stage and joint, otherwise",
+            &near,
+            &equivalent,
+            ">= 0.85",
+        ),
+        of(
+            "unknown, right stage and joint, more than twice left what the right diagnosis leaves",
+            &beyond,
+            &right,
+            "-",
+        ),
+        of(
+            "an equivalent with right stage and joint, within that",
+            &within,
+            &equivalent,
+            "-",
+        ),
+    ];
+    let wrong = |(o, _): &&(Opened, Option<&Value>)| {
         if o.far_off() {
             !right(o)
         } else {
             !equivalent(o)
         }
     };
-    Table::new(
-        vec![
-            row(
-                "unknown, more than 2 floors left",
-                share(&far, unknown),
-                far.len(),
-                "-",
-            ),
-            row(
-                "unknown, right stage and joint, more than 2 floors left",
-                share(&far, right),
-                far.len(),
-                ">= 0.85",
-            ),
-            row(
-                "something said or unknown, more than 2 floors left",
-                share(&far, |o| o.word() != "none"),
-                far.len(),
-                "-",
-            ),
-            row(
-                "an equivalent with right stage and joint, otherwise",
-                share(&near, equivalent),
-                near.len(),
-                ">= 0.85",
-            ),
-        ],
-        clear.iter().filter(wrong).map(|o| o.told()).collect(),
-    )
+    Table::new(rows, all.iter().filter(wrong).map(|x| x.0.told()).collect())
 }
 
 /// The figures of singles whose cause adds two floors to the error of a diagnosis without it.
