@@ -190,13 +190,12 @@ pub fn library(problem: &Problem, s: &Scales) -> Vec<Candidate> {
 
 fn conventions(list: &mut List, problem: &Problem, s: &Scales) {
     let ratios = [0.5, 0.95, 1.05, 2.0, 57.29578, 0.0174533];
-    // Another sign is another effect.
     let scale = |p| linear(p, 0.1, 1e-3, 100.0);
     list.one(Effect::JointScale, "command", scale(P::Scale), &ratios, 1.0);
     list.one(
         Effect::JointSign,
         "",
-        linear(P::Scale, 0.1, -1.0, -1.0),
+        linear(P::Sense, 1.0, -1.0, -1.0),
         &[-1.0],
         1.0,
     );

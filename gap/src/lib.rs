@@ -12,6 +12,7 @@ pub mod math;
 pub mod names;
 pub mod patch;
 pub mod predict;
+pub mod regimes;
 pub mod report;
 pub mod select;
 mod sentence;

@@ -1,26 +1,20 @@
 //! Where: shares by stage and the regime in which the gap sits.
 
 use crate::fit::Model;
-use crate::joint::{Channel, P, Params, Problem, RunData, Trace, simulate};
+use crate::joint::{Channel, P, Params, Problem, RunData, Sample, Trace, simulate};
 use crate::math;
+use crate::regimes::{Compared, Course, MOTION, RegimeRow, Sums};
 use crate::vocabulary::Stage;
 
-/// Regimes of motion, in order of precedence.
-pub const REGIMES: [&str; 6] = [
-    "saturation",
-    "reversal",
-    "low_speed",
-    "high_load",
-    "warm_up",
-    "other",
-];
+/// Share of the controller's limit from which its output is at it.
+const FULL: f64 = 0.95;
 
 /// Stage in which a parameter acts.
 #[must_use]
 pub fn stage_of(p: P) -> Stage {
     use P::*;
     match p {
-        Scale | Offset | MechOffset | RecordScale => Stage::Conventions,
+        Scale | Sense | Offset | MechOffset | RecordScale => Stage::Conventions,
         Delay | Skew | Played | Quantum | Echo => Stage::Transport,
         LoopGain | Damping | SpeedDelay | Windup | Tightness | Grip | Deadband | SlewLimit
         | FeedbackDelay | Lag => Stage::Driver,
@@ -147,60 +141,66 @@ pub fn shares(
         .collect()
 }
 
-/// Regime of every row of a run, from measured position and simulated effort.
-fn regimes(problem: &Problem, run: &RunData, trace: &Trace) -> Vec<usize> {
-    let n = run.samples.len();
-    let q: Vec<f64> = run.samples.iter().map(|s| s.measured[0]).collect();
-    let t: Vec<f64> = run
-        .samples
-        .iter()
-        .map(|s| (s.step as f64 + s.part) * problem.dt_s)
-        .collect();
-    let half = (0.05 / ((t[n - 1] - t[0]) / n as f64).max(1e-6)).ceil() as usize;
-    let speed: Vec<f64> = (0..n)
-        .map(|i| {
-            let (a, b) = (i.saturating_sub(half), (i + half).min(n - 1));
-            if b > a {
-                (q[b] - q[a]) / (t[b] - t[a]).max(1e-9)
-            } else {
-                0.0
-            }
-        })
-        .collect();
-    let top = math::quantile(
-        &speed
-            .iter()
-            .map(|v| v.abs())
-            .filter(|v| v.is_finite())
-            .collect::<Vec<_>>(),
-        0.95,
-    );
-    let efforts: Vec<f64> = trace
-        .iter()
-        .map(|y| y[Channel::Effort as usize].abs())
-        .collect();
-    let high = math::quantile(&efforts, 0.9);
+/// `of` a run's course under a simulation of it.
+fn course<T>(
+    problem: &Problem,
+    run: &RunData,
+    trace: &Trace,
+    of: impl FnOnce(&Course<'_>) -> T,
+) -> T {
     let limit = run.nominal.limit;
-    let mut last_turn = f64::MIN;
-    let mut sign = 0.0;
-    (0..n)
-        .map(|i| {
-            let v = speed[i];
-            if v.abs() > 0.05 * top && v.signum() != sign {
-                sign = v.signum();
-                last_turn = t[i];
+    let full = |i: usize| {
+        let duty = run.samples[i].measured[Channel::Duty as usize];
+        duty.is_finite() && limit.is_finite() && duty.abs() > FULL * limit
+    };
+    let at = |s: &Sample| (s.step as f64 + s.part) * problem.dt_s;
+    let t_s: Vec<f64> = run.samples.iter().map(at).collect();
+    let angle_rad: Vec<f64> = run.samples.iter().map(|s| s.measured[0]).collect();
+    let effort_nm: Vec<f64> = trace.iter().map(|y| y[Channel::Effort as usize]).collect();
+    of(&Course {
+        t_s: &t_s,
+        angle_rad: &angle_rad,
+        effort_nm: &effort_nm,
+        full: &full,
+    })
+}
+
+/// Errors of a joint by regime of its motion, with the model `before` and with the one `after`; `ideal` = the set-point in the place of the first.
+#[must_use]
+pub fn regimes(
+    problem: &Problem,
+    runs: &[usize],
+    (before, ideal): (&Params, bool),
+    after: &Params,
+) -> Vec<RegimeRow> {
+    let mut sums = Sums::default();
+    let (mut first, mut last) = (Trace::new(), Trace::new());
+    for r in runs {
+        let run = &problem.runs[*r];
+        simulate(run, before, problem.dt_s, &mut first);
+        simulate(run, after, problem.dt_s, &mut last);
+        let volts = |s: &Sample| s.measured[Channel::BusVoltage as usize];
+        let bus_v: Vec<f64> = run.samples.iter().map(volts).collect();
+        let known = bus_v.iter().any(|v| v.is_finite());
+        let marks = course(problem, run, &last, |c| {
+            c.marks(known.then_some(&bus_v[..]), None)
+        });
+        for (i, (s, marks)) in run.samples.iter().zip(marks).enumerate() {
+            for (of, channel) in [
+                (Compared::Position, Channel::Position),
+                (Compared::Effort, Channel::Effort),
+            ] {
+                let measured = s.measured[channel as usize];
+                let set_point = ideal && of == Compared::Position;
+                let column = if set_point { Channel::Applied } else { channel };
+                if s.enabled && measured.is_finite() {
+                    sums.add(of, false, marks, first[i][column as usize] - measured);
+                    sums.add(of, true, marks, last[i][channel as usize] - measured);
+                }
             }
-            let duty = run.samples[i].measured[Channel::Duty as usize];
-            match () {
-                () if duty.is_finite() && limit.is_finite() && duty.abs() > 0.95 * limit => 0,
-                () if t[i] - last_turn < 0.15 => 1,
-                () if v.abs() < 0.05 * top => 2,
-                () if efforts[i] >= high => 3,
-                () if t[i] > 60.0 && t[i] > 0.5 * t[n - 1] => 4,
-                () => 5,
-            }
-        })
-        .collect()
+        }
+    }
+    sums.rows(Some(problem.joint))
 }
 
 /// The regime in which the squared error of `before` exceeds that of `after` most per sample.
@@ -212,8 +212,8 @@ pub fn regime(
     ideal: bool,
     after: &Params,
 ) -> &'static str {
-    let mut sum = [0.0; REGIMES.len()];
-    let mut count = [0.0; REGIMES.len()];
+    let mut sum = [0.0; MOTION.len()];
+    let mut count = [0.0; MOTION.len()];
     for r in runs {
         let run = &problem.runs[*r];
         let (mut a, mut b) = (Trace::new(), Trace::new());
@@ -224,7 +224,10 @@ pub fn regime(
         } else {
             Channel::Position
         } as usize;
-        for (i, k) in regimes(problem, run, &b).into_iter().enumerate() {
+        for (i, k) in course(problem, run, &b, |c| c.motion())
+            .into_iter()
+            .enumerate()
+        {
             let m = run.samples[i].measured[0];
             if m.is_finite() && run.samples[i].enabled {
                 sum[k] += (a[i][column] - m).powi(2) - (b[i][0] - m).powi(2);
@@ -241,8 +244,8 @@ pub fn regime(
             f64::MIN
         }
     };
-    let best = (0..REGIMES.len())
+    let best = (0..MOTION.len())
         .max_by(|a, b| score(*a).total_cmp(&score(*b)))
-        .unwrap_or(REGIMES.len() - 1);
-    REGIMES[best]
+        .unwrap_or(MOTION.len() - 1);
+    MOTION[best]
 }

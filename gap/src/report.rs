@@ -6,6 +6,7 @@ mod joint;
 mod markdown;
 mod page;
 mod plot;
+mod regimes;
 mod words;
 
 pub use joint::html;

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use crate::regimes::RegimeRow;
 use crate::vocabulary::Effect;
 
 /// One word for the whole.
@@ -268,6 +269,8 @@ pub struct Verdict {
     /// Where.
     #[serde(rename = "where")]
     pub place: Vec<Where>,
+    /// Errors by joint and regime of the motion, before and after.
+    pub regimes: Vec<RegimeRow>,
     /// Which.
     pub effects: Vec<EffectRow>,
     /// None and unknown.

@@ -17,6 +17,7 @@ use crate::joint::{Channel, Params, Trace, simulate, simulate_all};
 use crate::locate;
 use crate::math;
 use crate::names;
+use crate::regimes::RegimeRow;
 use crate::select::{PULL, Search};
 use crate::sentence::{fall, listed};
 use crate::verdict::*;
@@ -432,6 +433,7 @@ pub(super) fn empty() -> Verdict {
         metrics: BTreeMap::new(),
         staircase: Vec::new(),
         place: Vec::new(),
+        regimes: Vec::new(),
         effects: Vec::new(),
         probabilities: Probabilities {
             none: 1.0,
@@ -535,6 +537,11 @@ fn list(effects: &[Effect]) -> String {
         .join(", ")
 }
 
+fn regimes(d: &Diagnosis) -> Vec<RegimeRow> {
+    let first = (&d.nominal, d.ideal);
+    locate::regimes(&d.problem, &d.score_runs, first, &d.selection.model.params)
+}
+
 /// Puts a diagnosis into the public form.
 pub(super) fn verdict(d: &Diagnosis, library: &[Candidate], settings: &Settings) -> Verdict {
     let gap = gap(d, settings);
@@ -569,6 +576,7 @@ pub(super) fn verdict(d: &Diagnosis, library: &[Candidate], settings: &Settings)
             .collect(),
         staircase: staircase(d),
         place,
+        regimes: regimes(d),
         effects,
         probabilities,
         unseen: unseen(d, library, settings),

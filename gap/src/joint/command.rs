@@ -193,7 +193,7 @@ impl<'a> Commands<'a> {
                 rate: if gait { clock } else { 1.0 },
                 clock: if echo || gait { 1.0 } else { clock },
                 delay: if echo { 0.0 } else { p.get(P::Delay) },
-                scale: p.get(P::Scale),
+                scale: p.get(P::Scale) * p.get(P::Sense),
                 offset: p.get(P::Offset),
                 quantum: p.get(P::Quantum),
                 slew: p.get(P::SlewLimit) * dt_s,

@@ -25,7 +25,8 @@ params! {
     Supply = 1.0, "ratio to the nominal supply voltage";
     LoopGain = 1.0, "ratio to the nominal position gain";
     Damping = 1.0, "ratio to the nominal velocity gain";
-    Scale = 1.0, "set-point scale (negative: wrong sign)";
+    Scale = 1.0, "set-point scale";
+    Sense = 1.0, "-1: the set-point counts in the other direction";
     Offset = 0.0, "added to the set-point";
     MechOffset = 0.0, "mechanical angle minus encoder angle";
     RecordScale = 1.0, "recorded position over true position";

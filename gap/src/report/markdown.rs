@@ -20,6 +20,7 @@ pub fn markdown(v: &Verdict) -> String {
     );
     gap(&mut s, v);
     places(&mut s, v);
+    super::regimes::markdown(&mut s, v);
     if let Some(c) = &v.contacts {
         let _ = write!(s, "\n{}\n", contacts(c));
     }

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::regimes;
 use super::words::{
     contacts, escape, floor, metric, number, parameter, place, quantity, regime, stage, word,
 };
@@ -43,6 +44,7 @@ pub(crate) fn html(v: &Verdict, evidence: &Evidence) -> String {
     next(&mut s, v);
     s.push_str("<h2>Where</h2>");
     places(&mut s, v);
+    regimes::html(&mut s, v);
     if let Some(c) = &v.contacts {
         let _ = write!(s, "<p>{}</p>", escape(&contacts(c)));
     }
@@ -317,7 +319,7 @@ const HEAD: &str = r#"<!doctype html><html lang="en"><head><meta charset="utf-8"
 @media screen and (prefers-color-scheme:dark){:root{--ink:#eee;--paper:#151515;--before:#fb923c;--after:#60a5fa;--line:#555}}
 body{font:16px/1.5 system-ui,sans-serif;margin:0;color:var(--ink);background:var(--paper)}main{max-width:60rem;margin:auto;padding:1rem}
 p,li{overflow-wrap:anywhere}.lead{font-size:1.3rem;font-weight:600}.warning{border-left:.4rem solid var(--before);padding-left:.6rem}footer{font-size:.85rem;border-top:1px solid var(--line)}
-.wide{overflow-x:auto}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid var(--line);vertical-align:top}td:last-child{min-width:8rem}.card{border-left:.4rem solid var(--after);padding:.1rem 1rem;margin:1rem 0;break-inside:avoid}.card h3,.card p{margin:.4rem 0}.card dl{display:grid;grid-template-columns:minmax(6rem,max-content) 1fr;gap:.1rem 1rem;margin:.4rem 0}.card dd{margin:0;overflow-wrap:anywhere}
+.wide{overflow-x:auto}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid var(--line);vertical-align:top}td:last-child{min-width:8rem}.heat{display:block;margin:-.3rem -.6rem;padding:.3rem .6rem;background:color-mix(in srgb,var(--before) var(--heat),transparent);white-space:nowrap}.card{border-left:.4rem solid var(--after);padding:.1rem 1rem;margin:1rem 0;break-inside:avoid}.card h3,.card p{margin:.4rem 0}.card dl{display:grid;grid-template-columns:minmax(6rem,max-content) 1fr;gap:.1rem 1rem;margin:.4rem 0}.card dd{margin:0;overflow-wrap:anywhere}
 .bar{height:.9rem;margin-top:.3rem;background:var(--after);min-width:1px;print-color-adjust:exact;-webkit-print-color-adjust:exact}.bar.rest{background:#999}
 .k0{color:var(--ink)}.k1{color:var(--before)}.k2{color:var(--after)}
 .plot{margin:1.2rem 0;display:grid;grid-template-columns:3.2rem 1fr;break-inside:avoid}.plot figcaption,.plot .legend{grid-column:1/3}.plot figcaption{font-weight:600}

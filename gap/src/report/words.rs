@@ -206,6 +206,31 @@ mod tests {
     }
 
     #[test]
+    fn contacts_are_told_with_what_either_law_leaves() {
+        let of = |law, left_other| Contacts {
+            law,
+            left_nominal: 4.0,
+            left_other,
+            left_any_make: left_other.map(|_| 2.5),
+            friction_pyramid: law == Law::Other,
+            contact_slip_m_s_n: if law == Law::Other { 0.002 } else { 0.0 },
+        };
+        for (c, says, not) in [
+            (of(Law::Nominal, None), "nothing asks", "patch"),
+            (of(Law::Nominal, Some(5.0)), "ratio 1.250", "patch"),
+            (of(Law::Unclear, Some(4.2)), "cannot be told", "patch"),
+            (
+                of(Law::Other, Some(3.2)),
+                "creep of 0.002000 m/s per N",
+                "asks",
+            ),
+        ] {
+            let text = contacts(&c);
+            assert!(text.contains(says) && !text.contains(not), "{text}");
+        }
+    }
+
+    #[test]
     fn every_parameter_of_the_vocabulary_reads_well() {
         for effect in crate::vocabulary::Effect::ALL {
             for key in effect.parameters() {

@@ -8,6 +8,7 @@ use super::found::{self, Item};
 use super::score::{JointRow, Metrics, Score, State, bootstrap, unit};
 use super::{Parts, Settings, body, conventions, joints, places, search, unseen};
 use crate::math;
+use crate::regimes::RegimeRow;
 use crate::sentence::{fall, listed};
 use crate::verdict::*;
 use crate::vocabulary::Effect;
@@ -32,6 +33,7 @@ pub(super) struct Scores {
     items: Vec<(Metrics, Metrics)>,
     primary: &'static str,
     joints: Vec<JointRow>,
+    regimes: Vec<RegimeRow>,
 }
 
 impl Scores {
@@ -81,6 +83,7 @@ impl Scores {
             items,
             primary: "position_rmse_rad",
             joints: score.by_joint(&first, &last),
+            regimes: score.regimes(&d.data, &first, &last),
         };
         out.primary = out.choose(outside);
         out
@@ -383,6 +386,7 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
         metrics,
         staircase,
         place,
+        regimes: s.regimes,
         effects,
         probabilities: belief.probabilities(),
         ambiguous,

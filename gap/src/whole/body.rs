@@ -497,15 +497,20 @@ impl Tier {
         super::least::cost(&self.residuals_of(theta, thin))
     }
 
-    /// Position error at the end of every window, m.
+    /// Position error at the end of every window that could be played, m.
     pub(super) fn ends_m(&self, theta: &[f64]) -> Vec<f64> {
+        self.each_end_m(theta).into_iter().flatten().collect()
+    }
+
+    /// The same of every window.
+    pub(super) fn each_end_m(&self, theta: &[f64]) -> Vec<Option<f64>> {
         let outcomes = windows::run(&self.trials(theta), &windows::options(false));
         let one = |(o, t): (&Outcome, &[Target; SAMPLES])| {
             let (p, _) = simulated(o, SAMPLES - 1)?;
             let d = (0..3).map(|k| (p[k] - t[SAMPLES - 1].pose.0[k]).powi(2));
             Some(d.sum::<f64>().sqrt())
         };
-        outcomes.iter().zip(&self.targets).filter_map(one).collect()
+        outcomes.iter().zip(&self.targets).map(one).collect()
     }
 
     /// Position and heading error at the end of every window, by group: RMS, m and rad.

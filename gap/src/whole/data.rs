@@ -165,6 +165,8 @@ pub struct Run {
     pub base: Option<BaseTrack>,
     /// Bus voltage.
     pub bus_v: Option<Track>,
+    /// Instants of blows on the inertial sensor, s; `None` without one.
+    pub blows_s: Option<Vec<f64>>,
     /// Device time of the first row, s.
     pub t0_s: f64,
     /// Length, s.
@@ -283,6 +285,7 @@ impl Data {
                 joints: std::array::from_fn(|k| joint_tracks(r, k)),
                 base: base(r),
                 bus_v: Track::new(t, r.body().bus_v.as_deref(), &|_| true),
+                blows_s: Inertial::new(r).map(|sensor| sensor.blows_s()),
                 t0_s: t[0],
                 length_s: t[t.len() - 1] - t[0],
                 index,

@@ -23,7 +23,23 @@ pub struct Inertial {
     pub accel_m_s2: Vec<[f64; 3]>,
 }
 
+/// Times the median deviation of the specific force's size from which a row is a blow (four standard deviations of noise), and the least of it, m/s2.
+const BLOW: f64 = 6.0;
+const BLOW_M_S2: f64 = 2.0;
+
 impl Inertial {
+    /// Instants at which the specific force is far from its usual size.
+    #[must_use]
+    pub fn blows_s(&self) -> Vec<f64> {
+        let size = |a: &[f64; 3]| libm::sqrt(a.iter().map(|x| x * x).sum());
+        let sizes: Vec<f64> = self.accel_m_s2.iter().map(size).collect();
+        let usual = crate::math::median(&sizes);
+        let off: Vec<f64> = sizes.iter().map(|x| (x - usual).abs()).collect();
+        let least = (BLOW * crate::math::median(&off)).max(BLOW_M_S2);
+        let rows = self.t_s.iter().zip(off).filter(|(_, off)| *off > least);
+        rows.map(|(t, _)| *t).collect()
+    }
+
     /// The sensor's rows; `None` without all six columns.
     #[must_use]
     pub fn new(r: &Recording) -> Option<Self> {

@@ -120,3 +120,33 @@ const TWISTED: f64 = 0.2;
 /// square, with deviations of a third of that (emulated robots).
 const SKEWED: f64 = 0.1;
 const SKEWED_RAD: f64 = 0.08;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_the_body_are_less_sure_on_other_contacts() {
+        for (effect, value, truth) in [
+            (Effect::GroundFriction, 0.29, Some(0.5)),
+            (Effect::TorsionalFriction, 0.011, Some(0.02)),
+            (Effect::Mass, 1.43, Some(1.3)),
+            (Effect::GroundSlope, 0.05, None),
+        ] {
+            let told = Estimate {
+                value,
+                ci95: [0.95 * value, 1.05 * value],
+            };
+            let mut own = BTreeMap::from([("key".to_owned(), told.clone())]);
+            held_otherwise(effect, &mut own);
+            let [low, high] = own["key"].ci95;
+            match truth {
+                None => assert_eq!(own["key"], told, "{effect:?}"),
+                Some(truth) => {
+                    assert!(low <= truth && truth <= high, "{effect:?}: {low} to {high}");
+                    assert!(low >= 0.0, "{effect:?}: {low}");
+                }
+            }
+        }
+    }
+}

@@ -2,14 +2,9 @@
 
 use super::joints::Tier;
 use super::servo::{self, J, JointRun, STEP_S, Sample, Trace};
-use crate::locate::REGIMES;
-use crate::math;
+use crate::regimes::{Course, MOTION};
 use crate::vocabulary::Stage;
 
-/// Time after a reversal that belongs to it, s.
-const REVERSAL_S: f64 = 0.15;
-/// Steps to either side over which speeds are taken.
-const HALF: usize = (0.05 / STEP_S) as usize;
 /// Share of the gap by which a regime must exceed its share of time to be named.
 const EXCESS: f64 = 0.1;
 /// Share of the torque limit from which a motor counts as at its limit.
@@ -17,48 +12,31 @@ const FULL: f64 = 0.97;
 /// Share of the squared angle errors that a straight line in the angle must explain to be one of the conventions.
 const STRAIGHT: f64 = 0.7;
 
-/// Regime of every step, as an index into [`REGIMES`].
-fn regimes(run: &JointRun, trace: &Trace, limit_nm: f64) -> Vec<usize> {
-    let path = run.path();
-    let n = path.len();
-    let speed: Vec<f64> = (0..n)
-        .map(|i| {
-            let (a, b) = (i.saturating_sub(HALF), (i + HALF).min(n - 1));
-            (path[b] - path[a]) / ((b - a).max(1) as f64 * STEP_S)
-        })
-        .collect();
-    let sizes: Vec<f64> = speed.iter().map(|v| v.abs()).collect();
-    let efforts: Vec<f64> = trace.effort.iter().map(|x| x.abs()).collect();
-    let slow = 0.05 * math::quantile(&sizes, 0.95);
-    let high = math::quantile(&efforts, 0.9);
-    let (mut sign, mut turned_s) = (0.0, f64::NEG_INFINITY);
-    (0..n)
-        .map(|i| {
-            let t = i as f64 * STEP_S;
-            if sizes[i] > slow && speed[i].signum() != sign {
-                (sign, turned_s) = (speed[i].signum(), t);
-            }
-            match () {
-                () if efforts[i] >= FULL * limit_nm => 0,
-                () if t - turned_s < REVERSAL_S => 1,
-                () if sizes[i] < slow => 2,
-                () if efforts[i] >= high => 3,
-                () if t > 60.0 && t > 0.5 * n as f64 * STEP_S => 4,
-                () => 5,
-            }
-        })
-        .collect()
+/// Regimes of every step as `of` takes them from the course of a run, whose torque is limited to `limit_nm`.
+pub(super) fn course<T>(
+    run: &JointRun,
+    trace: &Trace,
+    limit_nm: f64,
+    of: impl FnOnce(&Course<'_>) -> T,
+) -> T {
+    let t_s: Vec<f64> = (0..run.path().len()).map(|i| i as f64 * STEP_S).collect();
+    of(&Course {
+        t_s: &t_s,
+        angle_rad: run.path(),
+        effort_nm: &trace.effort,
+        full: &|i| trace.effort[i].abs() >= FULL * limit_nm,
+    })
 }
 
 /// The regime that holds most of what `after` gains over `before` above its share of time; where `after` gains nothing, of what it leaves.
 pub(super) fn regime(tier: &Tier, before: &[f64], after: &[f64], gained: bool) -> &'static str {
     let limit_nm = tier.nominal.max_torque_nm * after[J::MaxTorque as usize];
-    let (mut gap, mut time) = ([0.0; REGIMES.len()], [0.0; REGIMES.len()]);
+    let (mut gap, mut time) = ([0.0; MOTION.len()], [0.0; MOTION.len()]);
     let (mut a, mut b) = (Trace::default(), Trace::default());
     for run in &tier.runs {
         servo::simulate(run, &tier.nominal, before, &mut a);
         servo::simulate(run, &tier.nominal, after, &mut b);
-        let which = regimes(run, &b, limit_nm);
+        let which = course(run, &b, limit_nm, |c| c.motion());
         let angles = |trace: &Trace| servo::errors(&trace.position, &run.position).collect();
         let torques = |trace: &Trace, p: &[f64]| run.effort_errors(trace, p).collect();
         let channels: [(Vec<f64>, Vec<f64>, &[Sample]); 2] = [
@@ -80,9 +58,9 @@ pub(super) fn regime(tier: &Tier, before: &[f64], after: &[f64], gained: bool) -
     }
     let (all, whole): (f64, f64) = (gap.iter().sum(), time.iter().sum());
     let excess = |k: usize| gap[k] / all.max(1e-12) - time[k] / whole.max(1.0);
-    let best = (0..REGIMES.len()).max_by(|x, y| excess(*x).total_cmp(&excess(*y)));
+    let best = (0..MOTION.len()).max_by(|x, y| excess(*x).total_cmp(&excess(*y)));
     best.filter(|k| excess(*k) > EXCESS)
-        .map_or("all", |k| REGIMES[k])
+        .map_or("all", |k| MOTION[k])
 }
 
 /// Stage in which what the model leaves arose: a link that does not follow its encoder is the transmission's, an angle off by a straight

@@ -1,13 +1,16 @@
 //! Metrics on the scored runs: per run first, then the mean over runs.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
-use super::data::{Data, JOINTS};
+use super::body::WINDOW_S;
+use super::data::{Data, JOINTS, Run, Track};
 use super::echo::Echo;
 use super::nominal::Nominal;
-use super::servo::{self, JointRun, Load, Trace};
-use super::{body, camera, joints};
+use super::servo::{self, J, JointRun, Load, Trace};
+use super::{body, camera, joints, regime};
 use crate::math;
+use crate::regimes::{Compared, Marks, RegimeRow, Sums};
 
 /// One joint's scored runs.
 pub(super) struct Scored {
@@ -143,6 +146,61 @@ impl Score {
         self.joints.iter().enumerate().map(&mut one).collect()
     }
 
+    /// Errors by regime of the motion in two states: of every joint, and of the body's windows.
+    pub(super) fn regimes(&self, data: &Data, before: &State, after: &State) -> Vec<RegimeRow> {
+        let of = |(at, scored): (usize, &Scored)| {
+            let mut sums = Sums::default();
+            let limit_nm = scored.nominal.max_torque_nm * after.joints[at][J::MaxTorque as usize];
+            for (r, with, without) in &scored.runs {
+                for (last, state) in [(false, before), (true, after)] {
+                    let run = if state.conventions { with } else { without };
+                    let theta = &state.joints[at];
+                    add(
+                        &mut sums,
+                        &data.runs[*r],
+                        run,
+                        (&scored.servo(state), theta, limit_nm),
+                        last,
+                    );
+                }
+            }
+            sums.rows(Some(scored.joint))
+        };
+        let joints = self.joints.iter().enumerate().flat_map(of);
+        joints.chain(self.blows(data, before, after)).collect()
+    }
+
+    /// Errors of the body's windows with a blow and without.
+    fn blows(&self, data: &Data, before: &State, after: &State) -> Vec<RegimeRow> {
+        let mut sums = Sums::default();
+        for (last, state) in [(false, before), (true, after)] {
+            let Some(tier) = self.tier(state) else {
+                continue;
+            };
+            let ends = tier.each_end_m(&state.body);
+            for (w, end_m) in tier.windows.iter().zip(ends) {
+                let blows = data.runs[w.run].blows_s.as_ref();
+                if let (Some(blows), Some(end_m)) = (blows, end_m) {
+                    let within = |b: &f64| (w.from_s..w.from_s + WINDOW_S).contains(b);
+                    let marks = Marks::contact(blows.iter().any(within));
+                    sums.add(Compared::Pose, last, marks, end_m);
+                }
+            }
+        }
+        sums.rows(None)
+    }
+
+    /// The body of a state: as recorded where its conventions are not applied, on the nominal contacts where it is not held otherwise.
+    fn tier(&self, state: &State) -> Option<Cow<'_, body::Tier>> {
+        let recorded = self.recorded.as_ref().filter(|_| !state.conventions);
+        let tier = recorded.or(self.body.as_ref())?;
+        Some(if state.held {
+            Cow::Borrowed(tier)
+        } else {
+            Cow::Owned(tier.nominally_gripped())
+        })
+    }
+
     /// All metrics of a state.
     pub(super) fn metrics(&self, state: &State) -> Metrics {
         let mut out = Metrics::new();
@@ -174,13 +232,8 @@ impl Score {
                 out.entry(name).or_default().push((sum / n).sqrt());
             }
         }
-        let recorded = self.recorded.as_ref().filter(|_| !state.conventions);
-        if let Some(tier) = recorded.or(self.body.as_ref()) {
-            let errors = if state.held {
-                tier.errors(&state.body)
-            } else {
-                tier.nominally_gripped().errors(&state.body)
-            };
+        if let Some(tier) = self.tier(state) {
+            let errors = tier.errors(&state.body);
             out.insert("pose_rmse_m", errors.iter().map(|e| e[0]).collect());
             out.insert("heading_rmse_rad", errors.iter().map(|e| e[1]).collect());
         }
@@ -188,6 +241,34 @@ impl Score {
             out.insert("similarity_r", tier.similarity(&state.camera));
         }
         out
+    }
+}
+
+/// Adds the errors of one run of a joint under `servo`, `theta` and a torque limit.
+fn add(
+    sums: &mut Sums,
+    recorded: &Run,
+    run: &JointRun,
+    (servo, theta, limit_nm): (&Nominal, &[f64], f64),
+    after: bool,
+) {
+    let mut trace = Trace::default();
+    servo::simulate(run, servo, theta, &mut trace);
+    let volts = |bus: &Track| -> Vec<f64> {
+        let steps = 0..run.path().len();
+        steps.map(|i| bus.at(i as f64 * servo::STEP_S)).collect()
+    };
+    let bus_v = recorded.bus_v.as_ref().map(volts);
+    let marks = regime::course(run, &trace, limit_nm, |c| {
+        c.marks(bus_v.as_deref(), recorded.blows_s.as_deref())
+    });
+    let angles = servo::errors(&trace.position, &run.position);
+    for (s, error) in run.position.iter().zip(angles) {
+        sums.add(Compared::Position, after, marks[s.step()], error);
+    }
+    let torques = run.effort_errors(&trace, theta);
+    for (s, error) in run.effort.iter().zip(torques) {
+        sums.add(Compared::Effort, after, marks[s.step()], error);
     }
 }
 

@@ -37,6 +37,7 @@ fn robots_of_another_engine_are_diagnosed() {
         let found = v["effects"].as_array().unwrap();
         let creeps = v["sentence"].as_str().unwrap().contains("creep");
         assert_eq!(creeps, name.starts_with("di_"), "{name}: {}", v["sentence"]);
+        assert_eq!(creeps, v["contacts"]["law"] == "other", "{name}");
         match cause {
             None => assert_eq!(v["verdict"], "none", "{name}: {}", v["sentence"]),
             Some((effect, joint, key, [value, off])) => {

@@ -212,3 +212,26 @@ impl Tier {
         out
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_grip_goes_into_the_model_and_comes_out_of_its_simulation() {
+        let nominal = Model::hand_tuned();
+        assert_eq!(
+            Grip::CONE.on(&nominal),
+            nominal,
+            "nothing is marked as found"
+        );
+        for grip in [Grip::CONE, Grip::CREEPING] {
+            let held = grip.on(&Grip::CREEPING.on(&nominal));
+            let text = held.to_toml();
+            let read = Model::parse("patched.toml", &text).expect("a model that was written");
+            let params = Params::try_from(&read).expect("the simulator holds it");
+            assert_eq!(Grip::of(&params), grip, "{text}");
+            assert_ne!(grip.other(), grip);
+        }
+    }
+}

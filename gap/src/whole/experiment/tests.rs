@@ -86,6 +86,7 @@ fn sent_run(gait: &Gait) -> super::super::data::Run {
         joints,
         base: None,
         bus_v: None,
+        blows_s: None,
         t0_s: 0.0,
         length_s: 11.95,
         index: 0,
