@@ -441,7 +441,7 @@ fn start(tier: &Tier, model: &Model, conventions: &Conventions) -> (Vec<Coordina
     {
         coordinates[J::Delay as usize].sigma = ECHO_S;
     }
-    if let Some(nm) = JointRun::plateau_nm(&tier.runs).filter(|_| tier.torque) {
+    if let Some(nm) = JointRun::plateaus_nm(&tier.runs)[0].filter(|_| tier.torque) {
         // No limit lies below what the motor was seen to give.
         coordinates[J::MaxTorque as usize].range[0] = SHOWN * nm / tier.nominal.max_torque_nm;
     }

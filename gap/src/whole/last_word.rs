@@ -123,8 +123,13 @@ pub(super) fn limited(mut answer: Answer, tier: &Tier) -> Answer {
         .any(|m| answer.candidates[*m].free.contains(&free));
     let fitted = last.theta[free] * tier.nominal.max_torque_nm;
     let per_ampere = last.theta[J::PerAmpere as usize];
-    let shown =
-        JointRun::plateau_nm(&tier.runs).map(|p| p * if tier.ampere { per_ampere } else { 1.0 });
+    let factor = if tier.ampere { per_ampere } else { 1.0 };
+    let off = |nm: &f64| libm::log(nm / fitted).abs();
+    let shown = JointRun::plateaus_nm(&tier.runs).into_iter().flatten();
+    // Of the two that which is nearer to the fitted one: two limits that blows alone meet came out a fifth too low by the other.
+    let shown = shown
+        .map(|nm| nm * factor)
+        .min_by(|a, b| off(a).total_cmp(&off(b)));
     // The fit knows the limit to a factor; another plateau is something else.
     if let Some(nm) = shown.filter(|nm| found && (0.5..2.0).contains(&(nm / fitted))) {
         let at = answer.steps.len() - 1;

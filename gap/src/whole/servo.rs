@@ -163,6 +163,9 @@ fn samples(track: Option<&Track>, steps: usize) -> Vec<Sample> {
     out
 }
 
+/// Strongest samples of the torque that are left out where the strongest are looked at: noise and what drives the motor.
+const STRONGEST: usize = 10;
+
 /// Means over one set-point period: the torque of each step of the set-point is a blow whose height hangs on the time step.
 fn averaged(track: &Track) -> Track {
     const HALF_S: f64 = 0.05;
@@ -374,18 +377,25 @@ impl JointRun {
         crate::math::rms(&all)
     }
 
-    /// The torque that a limited motor stays at, N m: the middle of the strongest samples; `None` without torque.
-    pub(super) fn plateau_nm(runs: &[Self]) -> Option<f64> {
-        let tops: Vec<f64> = runs
-            .iter()
-            .filter(|r| !r.strength.is_empty())
+    /// The torque that a limited motor stays at, N m: the middle of the samples around the strongest three in a hundred, and that of the strongest of all, for a
+    /// limit that blows alone meet. `None` without torque.
+    pub(super) fn plateaus_nm(runs: &[Self]) -> [Option<f64>; 2] {
+        let measured = || runs.iter().filter(|r| !r.strength.is_empty());
+        let tops: Vec<f64> = measured()
             .map(|r| crate::math::quantile(&r.strength, 0.97))
             .collect();
-        let top = crate::math::quantile(&tops, 0.8);
-        let near = |x: &f64| (*x - top).abs() < 0.1 * top;
-        let all = runs.iter().flat_map(|r| &r.strength).copied();
-        let strongest: Vec<f64> = all.filter(near).collect();
-        (strongest.len() >= 20).then(|| crate::math::median(&strongest))
+        let often = crate::math::quantile(&tops, 0.8);
+        let mut all: Vec<f64> = measured().flat_map(|r| &r.strength).copied().collect();
+        all.sort_by(f64::total_cmp);
+        let strong = all.iter().nth_back(STRONGEST).map_or(f64::INFINITY, |x| *x);
+        let middle = |within: std::ops::Range<f64>| {
+            let own: Vec<f64> = all.iter().copied().filter(|x| within.contains(x)).collect();
+            (own.len() >= 2 * STRONGEST).then(|| crate::math::median(&own))
+        };
+        [
+            middle(0.9 * often..1.1 * often),
+            middle(0.9 * strong..f64::INFINITY),
+        ]
     }
 
     /// Measured angle at each step, rad.
