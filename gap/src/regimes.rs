@@ -72,7 +72,7 @@ const BLOW_S: f64 = 0.1;
 pub(crate) struct Marks(u32);
 
 impl Marks {
-    pub(crate) fn mark(&mut self, regime: usize) {
+    fn mark(&mut self, regime: usize) {
         self.0 |= 1 << regime;
     }
 
@@ -149,10 +149,8 @@ impl Course<'_> {
     /// All regimes of every row; `bus_v` at every row, and the instants of blows, where they were measured.
     pub(crate) fn marks(&self, bus_v: Option<&[f64]>, blows_s: Option<&[f64]>) -> Vec<Marks> {
         let (speed, slow) = self.moving();
-        let finite = |v: &&f64| v.is_finite();
-        let known: Vec<f64> = self.angle_rad.iter().filter(finite).copied().collect();
-        let middle = math::median(&known);
-        let usual_v = bus_v.map(math::median);
+        let middle = usual(self.angle_rad);
+        let usual_v = bus_v.map(usual);
         let mut rises = None;
         let one = |(i, motion): (usize, usize)| {
             let mut out = Marks::default();
@@ -176,6 +174,12 @@ impl Course<'_> {
         };
         self.motion().into_iter().enumerate().map(one).collect()
     }
+}
+
+/// Median of the values that were measured.
+fn usual(values: &[f64]) -> f64 {
+    let known: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+    math::median(&known)
 }
 
 /// Quarter of a cycle.
@@ -310,11 +314,13 @@ mod tests {
 
     #[test]
     fn errors_are_told_in_the_regime_where_they_are() {
-        let low: Vec<f64> = sine()
-            .0
-            .iter()
-            .map(|t| if *t < 3.0 { 11.0 } else { 12.0 })
-            .collect();
+        // Every fourth row without a voltage.
+        let volts = |(i, t): (usize, &f64)| match (i % 4, *t < 3.0) {
+            (0, _) => f64::NAN,
+            (_, true) => 11.0,
+            (_, false) => 12.0,
+        };
+        let low: Vec<f64> = sine().0.iter().enumerate().map(volts).collect();
         let blows = [2.0, 4.0, 6.0];
         type Bad = fn(f64) -> bool;
         let cases: [(&str, &str, Bad); 6] = [

@@ -7,7 +7,7 @@ mod word;
 
 use std::collections::BTreeMap;
 
-use self::place::places;
+use self::place::{places, regimes};
 use self::word::{probabilities, word};
 use super::{Diagnosis, Settings};
 use crate::candidates::{self, Candidate};
@@ -17,7 +17,6 @@ use crate::joint::{Channel, Params, Trace, simulate, simulate_all};
 use crate::locate;
 use crate::math;
 use crate::names;
-use crate::regimes::RegimeRow;
 use crate::select::{PULL, Search};
 use crate::sentence::{fall, listed};
 use crate::verdict::*;
@@ -535,11 +534,6 @@ fn list(effects: &[Effect]) -> String {
         .map(|e| e.name())
         .collect::<Vec<_>>()
         .join(", ")
-}
-
-fn regimes(d: &Diagnosis) -> Vec<RegimeRow> {
-    let first = (&d.nominal, d.ideal);
-    locate::regimes(&d.problem, &d.score_runs, first, &d.selection.model.params)
 }
 
 /// Puts a diagnosis into the public form.

@@ -6,7 +6,7 @@ use super::advice;
 use super::belief::{Belief, Remainder};
 use super::found::{self, Item};
 use super::score::{JointRow, Metrics, Score, State, bootstrap, unit};
-use super::{Parts, Settings, body, conventions, joints, places, search, unseen};
+use super::{Parts, Settings, conventions, joints, places, search, unseen};
 use crate::math;
 use crate::regimes::RegimeRow;
 use crate::sentence::{fall, listed};
@@ -278,14 +278,23 @@ fn ambiguous(d: &Parts, items: &[Item]) -> Vec<Ambiguous> {
     out
 }
 
-/// What is said where windows of the body were played on other contacts than the simulator's.
-const FOREIGN: &str = " The ground holds otherwise than the simulator's: windows of the body were played on contacts that creep inside a pyramid of friction, and the patch has them.";
+/// What is said where windows of the body were played on other contacts than the nominal model's.
+fn held(contacts: &Contacts) -> Option<&'static str> {
+    match (contacts.law, contacts.friction_pyramid) {
+        (Law::Other, true) => Some(
+            " The ground holds otherwise than the nominal model's: windows of the body were played on contacts that creep inside a pyramid of friction, and the patch has them.",
+        ),
+        (Law::Other, false) => Some(
+            " The ground holds otherwise than the nominal model's: windows of the body were played on contacts that do not creep and hold by a round cone of friction, and the patch has them.",
+        ),
+        (Law::Nominal | Law::Unclear, _) => None,
+    }
+}
 
 fn sentence(d: &Parts, word: Word, gap: &Gap, rows: &[EffectRow], place: &[Where]) -> String {
-    let foreign = |b: &body::Found| b.contacts.law == Law::Other;
     let mut out = cause(word, gap, rows, place);
-    if d.body.as_ref().is_some_and(foreign) {
-        out.push_str(FOREIGN);
+    if let Some(held) = d.body.as_ref().and_then(|b| held(&b.contacts)) {
+        out.push_str(held);
     }
     out
 }

@@ -215,7 +215,7 @@ fn motors(data: &Data, conventions: &mut Conventions, out: &mut Vec<Reading>) ->
         };
         for (k, v) in all.iter().enumerate().filter_map(|(k, v)| Some((k, (*v)?))) {
             let (ratio, error) = (v[what].0 / typical, v[what].1 / typical);
-            let [spread, own] = motor(data, k).map(|m| m[what]);
+            let [spread, signals] = motor(data, k).map(|m| m[what]);
             if what == 0 {
                 // Weighed against the type: a joint that hardly turns says little of its motor.
                 let [own, prior] = [error.max(1e-3), spread].map(|e| 1.0 / (e * e));
@@ -232,7 +232,7 @@ fn motors(data: &Data, conventions: &mut Conventions, out: &mut Vec<Reading>) ->
                     effect,
                     joint: Some(k),
                     key: "ratio",
-                    estimate: exact(ratio, 1.96 * libm::hypot(ERRORS * error, own)),
+                    estimate: exact(ratio, 1.96 * libm::hypot(ERRORS * error, signals)),
                     gain: ((ratio - 1.0) / libm::hypot(spread, error))
                         .powi(2)
                         .min(1e3),

@@ -5,9 +5,16 @@ use super::word::{REMAINDER, remainder};
 use crate::candidates;
 use crate::diagnose::{Diagnosis, Settings};
 use crate::joint::{Channel, P, Params, Trace, simulate};
+use crate::regimes::RegimeRow;
 use crate::verdict::{Where, Word};
 use crate::vocabulary::{Effect, Stage};
 use crate::{interface, locate};
+
+/// Errors of the nominal and of the final model by regime of the motion, on the scored runs.
+pub(super) fn regimes(d: &Diagnosis) -> Vec<RegimeRow> {
+    let first = (&d.nominal, d.ideal);
+    locate::regimes(&d.problem, &d.score_runs, first, &d.selection.model.params)
+}
 
 pub(super) fn places(d: &Diagnosis, word: Word, settings: &Settings) -> Vec<Where> {
     let floor = if d.floor.repeat.is_some() {
