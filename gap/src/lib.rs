@@ -2,6 +2,7 @@
 
 pub mod candidates;
 pub mod diagnose;
+pub mod evidence;
 pub mod experiment;
 pub mod fit;
 pub mod floor;

@@ -12,8 +12,10 @@ mod body_answer;
 mod body_library;
 mod body_order;
 mod body_rest;
+mod blocks;
 mod bounce;
 mod camera;
+mod causes;
 mod clock;
 mod collapse;
 mod conventions;
@@ -236,6 +238,34 @@ impl Diagnosis {
     pub fn verdict_mut(&mut self) -> &mut Verdict {
         &mut self.verdict
     }
+}
+
+/// The search of causes alone, as text.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn search_text(
+    manifest: &Manifest,
+    recordings: &[Recording],
+    model: &Model,
+    withhold: &[Effect],
+) -> Result<String, WholeError> {
+    let params = Arc::new(Params::try_from(model)?);
+    let data = Data::new(manifest, recordings);
+    let split = split(&data);
+    let mut conventions = conventions::find(&data);
+    let direct = direct::read(&data, &mut conventions, withhold);
+    let mut tier = body::Tier::new(&data, model, &params, &split.fit);
+    let asked = causes::Asked {
+        data: &data,
+        model,
+        params: &params,
+        conventions: &conventions,
+        direct: &direct,
+        runs: &split.fit,
+        withhold,
+    };
+    Ok(causes::explain(&asked, tier.as_mut()).text())
 }
 
 /// Diagnoses a whole robot.

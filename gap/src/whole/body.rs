@@ -55,9 +55,14 @@ pub(super) enum B {
     ConnectorGive,
     /// Half play of the connector, rad.
     ConnectorPlay,
+    /// Mass added to body 0, kg; those of bodies 1 to 6 follow.
+    Heavy,
 }
 
-pub(super) const BODY: usize = 18;
+/// Half-spheres of each body, from the free end of module A.
+const HALVES: [&[usize]; 7] = [&[0], &[1], &[2], &[3, 4], &[5], &[6], &[7]];
+
+pub(super) const BODY: usize = 25;
 /// Coordinates of joint `k`: offset, ratio, play, flex.
 pub(super) fn of_joint(k: usize, what: usize) -> usize {
     BODY + 4 * k + what
@@ -409,6 +414,12 @@ impl Tier {
         let last = (p.half_masses_kg.len() - 1) as f64;
         for (i, m) in p.half_masses_kg.iter_mut().enumerate() {
             *m *= 1.0 + get(B::Gradient) * (2.0 * i as f64 / last - 1.0);
+        }
+        for (b, halves) in HALVES.iter().enumerate() {
+            let added = theta[B::Heavy as usize + b] / halves.len() as f64;
+            for h in halves.iter().filter(|_| added != 0.0) {
+                p.half_masses_kg[*h] = (p.half_masses_kg[*h] + added).max(1e-3);
+            }
         }
         if let Some((ratio, direction_rad)) = anisotropy(theta) {
             (p.anisotropy_ratio, p.anisotropy_direction_rad) = (ratio, direction_rad);

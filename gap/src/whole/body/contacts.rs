@@ -160,6 +160,13 @@ impl Tier {
         self.other_makes(theta).into_iter().map(make).collect()
     }
 
+    /// Windows may end off by what contacts of other makes around `theta` do.
+    pub(in crate::whole) fn among(&mut self, theta: &[f64]) {
+        let contacts = self.contacts(theta);
+        self.floor = self.told_floor();
+        self.weigh_with(&contacts);
+    }
+
     /// How its contacts hold.
     pub(in crate::whole) const fn grip(&self) -> Grip {
         self.grip

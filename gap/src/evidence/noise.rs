@@ -1,0 +1,145 @@
+//! Whitening: an autoregression fitted to what all columns together leave.
+
+use super::block::{Column, Segment, products};
+use super::linear::solve;
+
+/// Passes between coefficients and noise; the second changes little, the third nothing that counts.
+const PASSES: usize = 3;
+/// Whitened errors beyond this many standard deviations count linearly (Huber 1981, 95 % efficiency at 1.345; wider, because rare
+/// blows are a part of the motion).
+const HUBER: f64 = 3.0;
+
+/// Coefficients of all columns at once under their priors: the fit that leaves least.
+fn saturated(segments: &[Segment], columns: &[Column]) -> Vec<f64> {
+    let c = columns.len();
+    let n = c + 1;
+    let all = products(segments, c);
+    let mut a = vec![0.0; c * c];
+    let mut b = vec![0.0; c];
+    for i in 0..c {
+        a[i * c..(i + 1) * c].copy_from_slice(&all[i * n..i * n + c]);
+        let sd = columns[i].prior[1].max(columns[i].slack).max(columns[i].prior[0]);
+        a[i * c + i] += 1.0 / (sd * sd);
+        b[i] = all[i * n + c];
+    }
+    solve(&a, &b)
+}
+
+fn residuals(segment: &Segment, theta: &[f64]) -> Vec<f64> {
+    let mut out = segment.y.clone();
+    for (x, t) in segment.x.iter().zip(theta) {
+        out.iter_mut().zip(x).for_each(|(o, x)| *o -= t * x);
+    }
+    out
+}
+
+/// Autocovariances up to `order` over rows that count.
+fn autocovariance(all: &[(Vec<f64>, &[f64])], order: usize) -> Vec<f64> {
+    (0..=order)
+        .map(|lag| {
+            let (mut sum, mut n) = (0.0, 0.0);
+            for (e, w) in all {
+                for i in lag..e.len() {
+                    let weight = w[i] * w[i - lag];
+                    sum += weight * e[i] * e[i - lag];
+                    n += weight;
+                }
+            }
+            if n > 0.0 { sum / n } else { 0.0 }
+        })
+        .collect()
+}
+
+/// Levinson and Durbin: coefficients of the prediction from the past, and the variance of its errors.
+fn levinson(r: &[f64]) -> (Vec<f64>, f64) {
+    let order = r.len() - 1;
+    let mut a: Vec<f64> = Vec::with_capacity(order);
+    let mut e = r[0];
+    for m in 1..=order {
+        if e <= 1e-12 * r[0] {
+            break;
+        }
+        let dot: f64 = a.iter().zip(r[1..m].iter().rev()).map(|(a, r)| a * r).sum();
+        let k = (r[m] - dot) / e;
+        // Rows that do not count leave covariances of no process: the shorter past that is one stands.
+        if k.abs() > 0.995 {
+            break;
+        }
+        let before = a.clone();
+        for (x, y) in a.iter_mut().zip(before.iter().rev()) {
+            *x -= k * y;
+        }
+        a.push(k);
+        e *= 1.0 - k * k;
+    }
+    (a, e)
+}
+
+/// `v[i]` less its prediction from the past; the first rows see a shorter past.
+fn filtered(v: &[f64], a: &[f64], scale: f64) -> Vec<f64> {
+    (0..v.len())
+        .map(|i| {
+            let past: f64 = a.iter().zip(v[..i].iter().rev()).map(|(a, v)| a * v).sum();
+            (v[i] - past) * scale
+        })
+        .collect()
+}
+
+/// Errors and columns filtered to independent errors of size one, and the standard deviation of those errors in the unit of the signal.
+pub(super) fn whiten(
+    segments: &[Segment],
+    columns: &[Column],
+    order: usize,
+    floor: f64,
+) -> (Vec<Segment>, f64) {
+    let mut out = segments.to_vec();
+    let mut noise = 1.0;
+    for _ in 0..PASSES {
+        let theta = saturated(&out, columns);
+        let left: Vec<(Vec<f64>, &[f64])> = segments
+            .iter()
+            .map(|s| (residuals(s, &theta), s.weight.as_slice()))
+            .collect();
+        let mut r = autocovariance(&left, order);
+        r[0] += floor * floor;
+        let (a, variance) = levinson(&r);
+        noise = variance.max(1e-300).sqrt();
+        for ((to, from), (left, _)) in out.iter_mut().zip(segments).zip(&left) {
+            to.y = filtered(&from.y, &a, 1.0 / noise);
+            for (to, from) in to.x.iter_mut().zip(&from.x) {
+                *to = filtered(from, &a, 1.0 / noise);
+            }
+            let z = filtered(left, &a, 1.0 / noise);
+            for ((w, own), z) in to.weight.iter_mut().zip(&from.weight).zip(&z) {
+                *w = own * (HUBER / z.abs().max(HUBER));
+            }
+            // The past of the first rows is not known.
+            to.weight.iter_mut().take(order).for_each(|w| *w = 0.0);
+        }
+    }
+    (out, noise)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Rng;
+
+    #[test]
+    fn an_autoregression_is_found_again() {
+        let mut rng = Rng::new(3);
+        let mut y = vec![0.0; 20_000];
+        for i in 2..y.len() {
+            y[i] = 1.2 * y[i - 1] - 0.5 * y[i - 2] + 0.1 * rng.normal();
+        }
+        let segment = Segment {
+            weight: vec![1.0; y.len()],
+            y,
+            x: Vec::new(),
+        };
+        let (white, noise) = whiten(&[segment], &[], 4, 0.0);
+        assert!((noise - 0.1).abs() < 0.003, "{noise}");
+        let r = autocovariance(&[(white[0].y.clone(), &white[0].weight)], 3);
+        assert!(r[1..].iter().all(|x| x.abs() < 0.03), "{r:?}");
+    }
+}

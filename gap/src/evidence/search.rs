@@ -1,0 +1,362 @@
+//! Sets of causes by their evidence: all singles, all that may follow the best sets, exchanges, and what is left out.
+
+use rayon::prelude::*;
+
+use super::block::Block;
+use super::cause::{Cause, Entries};
+use super::linear::{cholesky, forward, inverse, log_determinant};
+
+/// Sets that are kept at every size.
+const BEAM: usize = 6;
+/// Rounds of exchanges after growth.
+const EXCHANGES: usize = 3;
+
+/// Blocks and the causes that may be in them.
+#[derive(Debug, Clone, Copy)]
+pub struct Problem<'a> {
+    /// Blocks.
+    pub blocks: &'a [Block],
+    /// Causes.
+    pub causes: &'a [Cause],
+    /// What is always there: differences between simulators and parts that blocks share.
+    pub always: &'a [Cause],
+}
+
+/// A set of causes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Set {
+    /// Causes by number, ascending.
+    pub members: Vec<usize>,
+    /// Logarithm of the evidence over that of no cause, prior included.
+    pub evidence: f64,
+}
+
+/// Posterior of a set's latent numbers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Posterior {
+    /// First latent number of every member.
+    pub first: Vec<usize>,
+    /// Means.
+    pub mean: Vec<f64>,
+    /// Covariance, row-major.
+    pub covariance: Vec<f64>,
+}
+
+/// What else a member may be.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Rival {
+    /// Cause by number.
+    pub cause: usize,
+    /// Evidence of the set with the member less that with the rival in its place.
+    pub margin: f64,
+}
+
+/// The outcome of a search.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// The best set.
+    pub best: Set,
+    /// Evidence that each member adds to the others.
+    pub gains: Vec<f64>,
+    /// Rivals of each member, nearest first.
+    pub rivals: Vec<Vec<Rival>>,
+    /// The best gain of a cause that was not taken, and which.
+    pub next: Option<(usize, f64)>,
+}
+
+/// Logarithm of twice the standard normal distribution function.
+fn log_twice_normal(x: f64) -> f64 {
+    let p = libm::erfc(-x / std::f64::consts::SQRT_2);
+    if p > 1e-300 {
+        libm::log(p)
+    } else {
+        // Mills ratio.
+        -0.5 * x * x - libm::log(-x) - 0.5 * libm::log(0.5 * std::f64::consts::PI)
+    }
+}
+
+impl Problem<'_> {
+    fn product(&self, a: &Entries, b: &Entries) -> f64 {
+        let mut sum = 0.0;
+        for (block, column, w) in a {
+            for (other, beside, v) in b {
+                if block == other {
+                    sum += w * v * self.blocks[*block].product(*column, *beside);
+                }
+            }
+        }
+        sum
+    }
+
+    fn moment(&self, a: &Entries) -> f64 {
+        a.iter()
+            .map(|(b, c, w)| w * self.blocks[*b].moment[*c])
+            .sum()
+    }
+
+    /// `I + M` of the latent numbers, their moments, and the part of the evidence that prior means give.
+    fn normal(&self, members: &[usize]) -> (Vec<f64>, Vec<f64>, f64) {
+        let own = members.iter().flat_map(|m| &self.causes[*m].latents);
+        let latents: Vec<&Entries> = own
+            .chain(self.always.iter().flat_map(|c| &c.latents))
+            .collect();
+        let mean: Entries = members
+            .iter()
+            .flat_map(|m| self.causes[*m].mean.clone())
+            .filter(|e| e.2 != 0.0)
+            .collect();
+        let n = latents.len();
+        let mut a = vec![0.0; n * n];
+        for i in 0..n {
+            for j in 0..=i {
+                let x = self.product(latents[i], latents[j]);
+                a[i * n + j] = x;
+                a[j * n + i] = x;
+            }
+            a[i * n + i] += 1.0;
+        }
+        let z = latents
+            .iter()
+            .map(|l| self.moment(l) - self.product(l, &mean))
+            .collect();
+        let given = self.moment(&mean) - 0.5 * self.product(&mean, &mean);
+        (a, z, given)
+    }
+
+    /// Logarithm of the evidence of a set over that of no cause, prior included.
+    #[must_use]
+    pub fn evidence(&self, members: &[usize]) -> f64 {
+        let (a, mut z, given) = self.normal(members);
+        let n = z.len();
+        let l = cholesky(&a, n);
+        let moments = z.clone();
+        forward(&l, n, &mut z);
+        let square: f64 = z.iter().map(|z| z * z).sum();
+        let mut out = given + 0.5 * square - 0.5 * log_determinant(&l, n);
+        let mut at = 0;
+        for m in members {
+            let cause = &self.causes[*m];
+            out += cause.log_prior;
+            if cause.positive {
+                out += sign(&l, n, &moments, at, cause);
+            }
+            at += cause.latents.len();
+        }
+        out
+    }
+
+    /// Posterior of the latent numbers of a set.
+    #[must_use]
+    pub fn posterior(&self, members: &[usize]) -> Posterior {
+        let (a, z, _) = self.normal(members);
+        let n = z.len();
+        let covariance = inverse(&cholesky(&a, n), n);
+        let mean = (0..n)
+            .map(|i| (0..n).map(|j| covariance[i * n + j] * z[j]).sum())
+            .collect();
+        let mut first = Vec::with_capacity(members.len());
+        let mut at = 0;
+        for m in members {
+            first.push(at);
+            at += self.causes[*m].latents.len();
+        }
+        Posterior {
+            first,
+            mean,
+            covariance,
+        }
+    }
+
+    /// Block, column and mean of every coefficient that a set moves.
+    #[must_use]
+    pub fn coefficients(&self, members: &[usize]) -> Vec<(usize, usize, f64)> {
+        let posterior = self.posterior(members);
+        let mut out: Vec<(usize, usize, f64)> = Vec::new();
+        let mut add = |entry: &(usize, usize, f64), by: f64| {
+            match out.iter_mut().find(|o| (o.0, o.1) == (entry.0, entry.1)) {
+                Some(own) => own.2 += by * entry.2,
+                None => out.push((entry.0, entry.1, by * entry.2)),
+            }
+        };
+        for (m, first) in members.iter().zip(&posterior.first) {
+            let cause = &self.causes[*m];
+            cause.mean.iter().for_each(|e| add(e, 1.0));
+            for (i, latent) in cause.latents.iter().enumerate() {
+                latent.iter().for_each(|e| add(e, posterior.mean[first + i]));
+            }
+        }
+        out
+    }
+
+    /// Whether two causes may stand side by side: one effect has one cause at a joint.
+    fn compatible(&self, a: usize, b: usize) -> bool {
+        let (a, b) = (&self.causes[a], &self.causes[b]);
+        if a.effect != b.effect {
+            return true;
+        }
+        match a.effect {
+            None => a.joints != b.joints || a.fixed != b.fixed,
+            Some(_) => {
+                !a.joints.is_empty() && !a.joints.iter().any(|k| b.joints.contains(k))
+            }
+        }
+    }
+
+    fn with(&self, members: &[usize], cause: usize) -> Option<Set> {
+        if !members.iter().all(|m| self.compatible(*m, cause)) {
+            return None;
+        }
+        let mut members = members.to_vec();
+        members.push(cause);
+        members.sort_unstable();
+        let evidence = self.evidence(&members);
+        Some(Set { members, evidence })
+    }
+
+    /// Sets with one cause more, best first.
+    fn grown(&self, sets: &[Set]) -> Vec<Set> {
+        let mut out: Vec<Set> = sets
+            .iter()
+            .flat_map(|s| {
+                (0..self.causes.len())
+                    .into_par_iter()
+                    .filter_map(|c| self.with(&s.members, c))
+                    .collect::<Vec<_>>()
+            })
+            .collect();
+        out.sort_by(|a, b| {
+            let order = b.evidence.total_cmp(&a.evidence);
+            order.then_with(|| a.members.cmp(&b.members))
+        });
+        out.dedup_by(|a, b| a.members == b.members);
+        out
+    }
+
+    fn without(&self, set: &Set, at: usize) -> Set {
+        let mut members = set.members.clone();
+        members.remove(at);
+        let evidence = self.evidence(&members);
+        Set { members, evidence }
+    }
+
+    /// The best of the sets that differ from `set` by one member, left out or another one in its place.
+    fn exchanged(&self, set: &Set, least: f64) -> Option<Set> {
+        let mut best = set.clone();
+        for at in 0..set.members.len() {
+            let bare = self.without(set, at);
+            // A member must add `least`.
+            if bare.evidence + least > best.evidence {
+                best = Set {
+                    evidence: bare.evidence + least,
+                    ..bare.clone()
+                };
+            }
+            for other in self.grown(&[bare]).into_iter().take(1) {
+                if other.evidence > best.evidence + 1e-9 {
+                    best = other;
+                }
+            }
+        }
+        if best.members == set.members {
+            return None;
+        }
+        best.evidence = self.evidence(&best.members);
+        Some(best)
+    }
+
+    /// The set of causes of most evidence; every member adds `least` at least.
+    #[must_use]
+    pub fn search(&self, least: f64, most: usize) -> Found {
+        let mut best = Set {
+            members: Vec::new(),
+            evidence: self.evidence(&[]),
+        };
+        let mut beam = vec![best.clone()];
+        for _ in 0..most {
+            let mut next = self.grown(&beam);
+            next.truncate(BEAM);
+            let Some(first) = next.first() else { break };
+            let better = first.evidence > best.evidence + least;
+            if better {
+                best = first.clone();
+            } else {
+                break;
+            }
+            beam = next;
+        }
+        for _ in 0..EXCHANGES {
+            let Some(other) = self.exchanged(&best, least) else {
+                break;
+            };
+            best = other;
+            if let Some(more) = self.grown(std::slice::from_ref(&best)).into_iter().next()
+                && more.evidence > best.evidence + least
+                && more.members.len() <= most
+            {
+                best = more;
+            }
+        }
+        self.weighed(best)
+    }
+
+    /// A set with what each member adds, its rivals, and the best cause outside.
+    #[must_use]
+    pub fn weighed(&self, best: Set) -> Found {
+        let mut gains = Vec::new();
+        let mut rivals = Vec::new();
+        for at in 0..best.members.len() {
+            let bare = self.without(&best, at);
+            gains.push(best.evidence - bare.evidence);
+            let own = best.members[at];
+            let others = self.grown(&[bare]);
+            rivals.push(
+                others
+                    .iter()
+                    .filter_map(|s| {
+                        let new = s.members.iter().find(|m| !best.members.contains(m))?;
+                        (*new != own).then(|| Rival {
+                            cause: *new,
+                            margin: best.evidence - s.evidence,
+                        })
+                    })
+                    .take(40)
+                    .collect(),
+            );
+        }
+        let next = self
+            .grown(std::slice::from_ref(&best))
+            .into_iter()
+            .next()
+            .and_then(|s| {
+                let new = s.members.iter().find(|m| !best.members.contains(m))?;
+                Some((*new, s.evidence - best.evidence))
+            });
+        Found {
+            best,
+            gains,
+            rivals,
+            next,
+        }
+    }
+}
+
+/// Change of the evidence where the coefficients of a cause cannot be negative, each by itself.
+fn sign(l: &[f64], n: usize, moments: &[f64], at: usize, cause: &Cause) -> f64 {
+    let mut z = moments.to_vec();
+    forward(l, n, &mut z);
+    let mut out = 0.0;
+    for number in &cause.numbers {
+        let mut unit = vec![0.0; n];
+        let mut prior = 0.0;
+        for (latent, w) in &number.of_latents {
+            unit[at + latent] = *w;
+            prior += w * w;
+        }
+        forward(l, n, &mut unit);
+        let variance: f64 = unit.iter().map(|x| x * x).sum();
+        let mean: f64 = unit.iter().zip(&z).map(|(a, b)| a * b).sum();
+        out += log_twice_normal((number.mean + mean) / variance.sqrt().max(1e-12))
+            - log_twice_normal(number.mean / prior.sqrt().max(1e-12));
+    }
+    out
+}

@@ -1,0 +1,242 @@
+//! The base given the joints: poses of short windows, restarted from the measured state and led along the measured angles.
+
+use crate::evidence::block::{Block, Column, Meaning, Segment, Site};
+use crate::vocabulary::{Effect, Stage};
+use files::model::{Key, Model};
+use rayon::prelude::*;
+
+use super::super::body::{B, FLEX, NUMBERS, OFFSET, PLAY, RATIO, Tier, of_joint};
+use super::super::body_library::coordinates;
+use super::super::data::JOINTS;
+
+/// Degrees of freedom of the errors of a window (Student's t): a body that rests on an edge falls to either side.
+const FREEDOM: f64 = 6.0;
+
+/// What contact laws of two engines differ by in the friction that motion and loads show, as a share of it: a pyramid inside the cone has up
+/// to 0.71 of it (MuJoCo's default), and creep takes more.
+const ENGINES: f64 = 0.2;
+
+/// A column of the body: what is moved, from where the coefficient counts.
+#[derive(Debug, Clone)]
+pub(in crate::whole) struct Move {
+    pub(in crate::whole) column: Column,
+    /// Coordinates and their change per coefficient.
+    pub(in crate::whole) along: Vec<(usize, f64)>,
+    /// Share of a coefficient over which the slope is taken.
+    pub(in crate::whole) step: f64,
+    /// It moves the loads of the joints too.
+    pub(in crate::whole) loads: bool,
+}
+
+impl Move {
+    /// The same where the joints' loads follow.
+    fn loading(self) -> Self {
+        Self {
+            loads: true,
+            ..self
+        }
+    }
+
+    /// Coordinates after a coefficient of `step`.
+    pub(in crate::whole) fn from(&self, theta: &[f64], step: f64) -> Vec<f64> {
+        let mut out = theta.to_vec();
+        for (at, by) in &self.along {
+            out[*at] += by * step;
+        }
+        out
+    }
+}
+
+fn slope(column: Column, at: usize, step: f64) -> Move {
+    Move {
+        column,
+        along: vec![(at, 1.0)],
+        step,
+        loads: false,
+    }
+}
+
+fn whole(column: Column, along: Vec<(usize, f64)>) -> Move {
+    Move {
+        column,
+        along,
+        step: 1.0,
+        loads: false,
+    }
+}
+
+/// Everything that the body may have, with what its model leaves open as slack.
+pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
+    let start = coordinates(model);
+    let sigma = |b: B| start[b as usize].sigma;
+    let b = |b: B| b as usize;
+    let mu = model.value(Key::Friction);
+    let mut out = Vec::new();
+    let mut friction = Column::linear(Effect::GroundFriction, "coefficient", mu, 0.4)
+        .with_slack(sigma(B::Friction))
+        .with_shared_slack("friction", ENGINES);
+    friction.parameter.scale = mu;
+    // Downwards: a ground that holds well holds no better with more friction.
+    out.push(slope(friction, b(B::Friction), -0.15).loading());
+    for (shape, ratio) in [0.25, 0.4, 0.6, 1.5, 2.2].into_iter().enumerate() {
+        out.push(whole(
+            Column::played(Effect::GroundFriction, "coefficient", mu, mu * ratio, shape + 1),
+            vec![(b(B::Friction), ratio - 1.0)],
+        ).loading());
+    }
+    let bounce = model.value(Key::Bounce);
+    out.push(slope(
+        Column::linear(Effect::Restitution, "coefficient", bounce, 0.3).with_slack(sigma(B::Bounce).max(0.03)),
+        b(B::Bounce),
+        0.1,
+    ));
+    out.push(slope(Column::nuisance(sigma(B::Erp).max(0.05)), b(B::Erp), 0.05));
+    out.push(slope(Column::nuisance(sigma(B::Gradient).max(0.01)), b(B::Gradient), 0.05));
+    for (shape, [cos, sin]) in [
+        [B::AnisotropyCos, B::AnisotropySin],
+        [B::AnisotropyLessCos, B::AnisotropyLessSin],
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        for (key, at) in [("log_cosine", cos), ("log_sine", sin)] {
+            let column = Column::linear(Effect::FrictionAnisotropy, key, 0.0, 0.7);
+            out.push(slope(column.shaped(shape, &[("less", shape as f64)]), b(at), 0.2));
+        }
+    }
+    for (shape, m) in [0.004, 0.01, 0.03].into_iter().enumerate() {
+        out.push(whole(
+            Column::played(Effect::TorsionalFriction, "coefficient_m", 0.0, m, shape).with_slack(if shape == 0 { 1.5 } else { 0.0 }),
+            vec![(b(B::Torsion), m)],
+        ));
+    }
+    for (key, at) in [("roll_rad", B::Roll), ("pitch_rad", B::Pitch)] {
+        let column = Column::linear(Effect::GroundSlope, key, 0.0, 0.1).with_slack(0.003);
+        out.push(slope(column, b(at), 0.01).loading());
+    }
+    for (shape, (give, damping)) in [(1e-4, 50.0), (5e-4, 50.0), (2e-3, 30.0)].into_iter().enumerate() {
+        let fixed = [("damping_n_s_m", damping)];
+        out.push(whole(
+            Column::played(Effect::GroundCompliance, "give_m_n", 0.0, give, shape).shaped(shape, &fixed),
+            vec![(b(B::GroundGive), give), (b(B::GroundDamping), damping - 50.0)],
+        ));
+    }
+    for (key, at) in [("x_m", B::ComX), ("y_m", B::ComY), ("z_m", B::ComZ)] {
+        let column = Column::linear(Effect::ComOffset, key, 0.0, 0.02).with_slack(sigma(at));
+        out.push(slope(column, b(at), 0.005).loading());
+    }
+    let half = model.parameter(Key::Mass1);
+    for body in 0..7 {
+        let column = Column::linear(Effect::Mass, "added_kg", 0.0, 0.3)
+            .with_slack(half.tolerance)
+            .shaped(10 + body, &[("body", body as f64)]);
+        out.push(slope(column, b(B::Heavy) + body, 0.05).loading());
+    }
+    connector(&mut out);
+    joints(&mut out, link_measured);
+    out
+}
+
+fn connector(out: &mut Vec<Move>) {
+    for (shape, give) in [0.004, 0.012, 0.04, 0.12].into_iter().enumerate() {
+        out.push(whole(
+            Column::played(Effect::ConnectorCompliance, "give_rad_nm", 0.0, give, shape)
+                .with_slack(if shape == 0 { 0.5 } else { 0.0 }),
+            vec![(B::ConnectorGive as usize, give)],
+        ));
+    }
+    for (shape, play) in [0.01, 0.03, 0.09].into_iter().enumerate() {
+        out.push(whole(
+            Column::played(Effect::ConnectorPlay, "half_width_rad", 0.0, play, shape),
+            vec![(B::ConnectorPlay as usize, play)],
+        ));
+    }
+}
+
+/// Conventions and transmissions that only the body shows.
+fn joints(out: &mut Vec<Move>, link_measured: bool) {
+    for k in 0..JOINTS {
+        let offset = Column::linear(Effect::JointOffset, "offset_rad", 0.0, 0.1)
+            .with_slack(0.003)
+            .shaped(100, &[]);
+        out.push(slope(offset.of_joint(k), of_joint(k, OFFSET), 0.01));
+        let ratio = Column::linear(Effect::JointScale, "ratio", 1.0, 0.1)
+            .with_slack(0.004)
+            .shaped(100, &[]);
+        out.push(slope(ratio.of_joint(k), of_joint(k, RATIO), 0.02));
+        if link_measured {
+            continue;
+        }
+        for (shape, play) in [0.006, 0.015, 0.035, 0.08].into_iter().enumerate() {
+            let column = Column::played(Effect::Backlash, "half_width_rad", 0.0, play, shape)
+                .with_slack(if shape == 0 { 0.25 } else { 0.0 });
+            out.push(whole(column.of_joint(k), vec![(of_joint(k, PLAY), play)]));
+        }
+        for (shape, flex) in [0.01, 0.04].into_iter().enumerate() {
+            let column = Column::played(Effect::Compliance, "give_rad_nm", 0.0, flex, shape)
+                .with_slack(if shape == 0 { 0.2 } else { 0.0 });
+            out.push(whole(column.of_joint(k), vec![(of_joint(k, FLEX), flex)]));
+        }
+    }
+}
+
+/// Coordinates at the coefficients `start` of the `moves`.
+pub(in crate::whole) fn placed(moves: &[Move], neutral: &[f64], start: &[(usize, f64)]) -> Vec<f64> {
+    let mut out = neutral.to_vec();
+    for (m, by) in start {
+        for (at, along) in &moves[*m].along {
+            out[*at] += along * by;
+        }
+    }
+    out
+}
+
+/// The block of the base around the coefficients `start`; coefficients count from the neutral values.
+pub(in crate::whole) fn block(tier: &Tier, moves: &[Move], neutral: &[f64], start: &[(usize, f64)]) -> Block {
+    let theta = &placed(moves, neutral, start);
+    let here = tier.whitened(theta);
+    let roots: Vec<f64> = here
+        .iter()
+        .map(|e| {
+            let square: f64 = e.iter().map(|x| x * x).sum();
+            ((FREEDOM + NUMBERS as f64) / (FREEDOM + square)).min(1.0).sqrt()
+        })
+        .collect();
+    let flat = |windows: &[[f64; NUMBERS]]| -> Vec<f64> {
+        windows
+            .iter()
+            .zip(&roots)
+            .flat_map(|(e, root)| e.iter().map(move |x| root * x))
+            .collect()
+    };
+    let y0 = flat(&here);
+    let x: Vec<Vec<f64>> = moves
+        .par_iter()
+        .enumerate()
+        .map(|(i, m)| {
+            // What is there already is taken away, so that the errors with and without it are as they are played.
+            let within = start.iter().find(|x| x.0 == i && x.1.abs() > 1e-9);
+            let step = within.map_or(m.step, |x| -x.1);
+            let there = flat(&tier.whitened(&m.from(theta, step)));
+            // Residuals are simulated less measured.
+            y0.iter().zip(&there).map(|(a, b)| (b - a) / step).collect()
+        })
+        .collect();
+    let mut y: Vec<f64> = y0.iter().map(|r| -r).collect();
+    for (m, by) in start {
+        y.iter_mut().zip(&x[*m]).for_each(|(y, x)| *y += by * x);
+    }
+    let rows = y.len();
+    let before = (y0.iter().map(|r| r * r).sum::<f64>() / rows.max(1) as f64).sqrt();
+    let segment = Segment {
+        weight: vec![1.0; rows],
+        y,
+        x,
+    };
+    let site = Site {
+        stage: Stage::Body,
+        joint: None,
+    };
+    let columns = moves.iter().map(|m| m.column.clone()).collect();
+    Block::whitened(site, columns, &[segment], [1.0, before])
+}

@@ -1,0 +1,257 @@
+//! The torque given the motion: what the motor gave less what the body needed along the measured motion.
+
+use crate::evidence::block::{Column, Raw, Segment, Site};
+use crate::vocabulary::{Effect, Stage};
+
+use super::super::data::Track;
+
+/// Time between torques that are compared, s.
+const STEP_S: f64 = 0.04;
+/// Half width of the lines that give torque and speed, s: a set-point's period is averaged.
+const HALF_S: f64 = 0.05;
+/// What a torque may be off by from one instant to the next, N m: the resolution of a current of 5 mA.
+const LEAST_NM: f64 = 0.02;
+/// Speed at which dry friction has turned over, rad/s: slower is what an encoder of 1 mrad shows over 0.1 s.
+const TURN_RAD_S: f64 = 0.02;
+/// Speeds of the Stribeck curve that are played, rad/s.
+const STRIBECK_RAD_S: [f64; 4] = [0.03, 0.06, 0.12, 0.25];
+/// Periods of a ripple per turn.
+const PERIODS: usize = 24;
+/// Share of the loads that another contact law puts elsewhere, as a function of the pose with one period a turn.
+const POSE: f64 = 0.15;
+/// Inertia that a ratio of 1 stands for, kg m2: half of the robot about a joint.
+pub(in crate::whole) const INERTIA_KG_M2: f64 = 0.02;
+
+/// What one run of a joint holds.
+pub(in crate::whole) struct Input<'a> {
+    /// Encoder.
+    pub(in crate::whole) position: &'a Track,
+    /// Torque of the motor, N m.
+    pub(in crate::whole) effort: Track,
+    /// Torque that the body needs, by make of the contacts, N m; the nominal one first. On a grid of `load_step_s`.
+    pub(in crate::whole) load_nm: Vec<&'a [f64]>,
+    /// The part of it that balances weight, N m.
+    pub(in crate::whole) gravity_nm: &'a [f64],
+    /// Change of the load per coefficient of a body's parameter, N m.
+    pub(in crate::whole) body_nm: Vec<&'a [f64]>,
+    /// Coefficients that the loads are already played with.
+    pub(in crate::whole) body_at: Vec<f64>,
+    /// Step of these grids, s.
+    pub(in crate::whole) load_step_s: f64,
+}
+
+/// What is known of a joint.
+pub(in crate::whole) struct Known {
+    /// Damping of the nominal joint, N m s/rad.
+    pub(in crate::whole) damping_nm_s: f64,
+    /// Parameters of the body behind [`Input::body_nm`].
+    pub(in crate::whole) body: Vec<Column>,
+}
+
+struct Row {
+    t_s: f64,
+    q: f64,
+    v: f64,
+    a: f64,
+    side: f64,
+    load: f64,
+}
+
+fn on(grid: &[f64], step_s: f64, t_s: f64) -> f64 {
+    let place = t_s / step_s;
+    let i = place as usize;
+    let a = grid.get(i).copied().unwrap_or(0.0);
+    let b = grid.get(i + 1).copied().unwrap_or(a);
+    a + (b - a) * (place - i as f64)
+}
+
+fn rows(input: &Input<'_>) -> Vec<Row> {
+    let q = input.position;
+    let end = q.t_s[q.t_s.len() - 1];
+    let n = ((end - q.t_s[0] - 0.4) / STEP_S).max(0.0) as usize;
+    (0..n)
+        .filter_map(|i| {
+            let t_s = q.t_s[0] + 0.2 + i as f64 * STEP_S;
+            let (here, v) = q.curve(t_s, 1.2 * HALF_S)?;
+            let (_, before) = q.curve(t_s - HALF_S, HALF_S)?;
+            let (_, after) = q.curve(t_s + HALF_S, HALF_S)?;
+            Some(Row {
+                t_s,
+                q: here,
+                v,
+                a: (after - before) / (2.0 * HALF_S),
+                side: v / libm::hypot(v, TURN_RAD_S),
+                load: on(input.load_nm[0], input.load_step_s, t_s),
+            })
+        })
+        .collect()
+}
+
+/// A column and what each row gives it.
+type Term = (Column, Box<dyn Fn(&Row) -> f64>);
+
+fn term(column: Column, of: impl Fn(&Row) -> f64 + 'static) -> Term {
+    (column, Box::new(of))
+}
+
+/// Friction in the gear.
+fn friction(damping_nm_s: f64) -> Vec<Term> {
+    let mut out = vec![
+        term(
+            Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 0.5)
+                .with_slack(0.02)
+                .at_least_neutral(),
+            |r| r.side,
+        ),
+        term(
+            Column::linear(Effect::ViscousFriction, "nm_s_rad", 0.0, 0.5)
+                .with_slack(0.02)
+                .at_least_neutral(),
+            |r| r.v,
+        ),
+        term(
+            Column::linear(Effect::QuadraticFriction, "nm_s2_rad2", 0.0, 0.5).at_least_neutral(),
+            |r| r.v * r.v.abs(),
+        ),
+        term(
+            Column::linear(Effect::LoadDependentFriction, "fraction", 0.0, 0.3)
+                .with_slack(0.01)
+                .at_least_neutral(),
+            |r| r.load.abs() * r.side,
+        ),
+        term(
+            Column::linear(Effect::AsymmetricFriction, "difference_nm", 0.0, 0.4).with_slack(0.02),
+            |r| 0.5 * r.side * r.side,
+        ),
+        term(
+            Column::linear(Effect::AsymmetricFriction, "difference_nm_s_rad", 0.0, 0.4),
+            |r| 0.5 * r.v.abs(),
+        ),
+    ];
+    if damping_nm_s > 0.0 {
+        let mut column =
+            Column::linear(Effect::DampingGain, "ratio", 1.0, 0.5).at_least_neutral();
+        column.parameter.scale = 1.0 / damping_nm_s;
+        out.push(term(column, |r| r.v));
+    }
+    for (shape, vs) in STRIBECK_RAD_S.into_iter().enumerate() {
+        out.push(term(
+            Column::linear(Effect::StribeckFriction, "static_nm", 0.0, 0.4)
+                .shaped(shape, &[("velocity_rad_s", vs)])
+                .at_least_neutral(),
+            move |r| r.side * libm::exp(-(r.v / vs).powi(2)),
+        ));
+    }
+    out
+}
+
+/// What repeats with the turn.
+fn ripple(load_nm: f64) -> Vec<Term> {
+    (1..=PERIODS)
+        .flat_map(|n| {
+            let of = n as f64;
+            let fixed = [("periods", of)];
+            // What contacts share hangs on the pose, the more the slower it changes with it.
+            let slack = POSE * load_nm / of;
+            let column = |key| {
+                Column::linear(Effect::TorqueRipple, key, 0.0, 0.2)
+                    .shaped(n, &fixed)
+                    .with_slack(slack)
+            };
+            // The ripple helps the motor: what it gives the motor need not.
+            [
+                term(column("sine_nm"), move |r: &Row| -libm::sin(of * r.q)),
+                term(column("cosine_nm"), move |r: &Row| -libm::cos(of * r.q)),
+            ]
+        })
+        .collect()
+}
+
+/// Shapes that no effect has: friction by place, friction and torque by time, a spring to the housing.
+fn open(length_s: f64, middle_rad: f64, load_nm: f64) -> Vec<Term> {
+    let mut out = vec![
+        term(Column::open(0, 0.3), move |r| r.side * (r.t_s / length_s - 0.5)),
+        term(Column::open(1, 0.3), move |r| r.t_s / length_s - 0.5),
+        term(Column::open(2, 0.5), move |r| r.q - middle_rad),
+    ];
+    for n in 1..=6_usize {
+        let of = n as f64;
+        out.push(term(Column::open(2 + n, 0.2), move |r| r.side * libm::sin(of * r.q)));
+        out.push(term(Column::open(2 + n, 0.2), move |r| r.side * libm::cos(of * r.q)));
+    }
+    for (i, c) in out.iter_mut().enumerate().skip(3) {
+        c.0.slack = 0.5 * POSE * load_nm / (1.0 + ((i - 3) / 2) as f64);
+        c.0.parameter.key = if i % 2 == 1 { "sine_nm" } else { "cosine_nm" };
+    }
+    out
+}
+
+/// The block of joint `joint`; `None` without a run that is long enough.
+pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -> Option<Raw> {
+    let mut columns = Vec::new();
+    let mut segments = Vec::new();
+    let middles: Vec<f64> = inputs.iter().map(|i| crate::math::mean(&i.position.v)).collect();
+    let middle = crate::math::mean(&middles);
+    let all: Vec<f64> = inputs.iter().flat_map(|i| i.load_nm[0].iter().copied()).collect();
+    let load_nm = crate::math::rms(&all);
+    for input in inputs {
+        let rows = rows(input);
+        let Some(last) = rows.last() else { continue };
+        let mut terms = friction(known.damping_nm_s);
+        terms.extend(ripple(load_nm));
+        terms.extend(open(last.t_s.max(1.0), middle, load_nm));
+        terms.push(term(
+            Column::linear(Effect::Inertia, "ratio", 1.0, 5.0).with_slack(0.1).at_least_neutral(),
+            |r| INERTIA_KG_M2 * r.a,
+        ));
+        // Several contacts share a load in more ways than one.
+        terms.push(term(Column::nuisance(0.1), |r| r.load));
+        let step = input.load_step_s;
+        let along = |grid: &[f64]| -> Vec<f64> {
+            rows.iter().map(|r| on(grid, step, r.t_s)).collect()
+        };
+        let y: Vec<f64> = rows
+            .iter()
+            .map(|r| {
+                let effort = input.effort.line(r.t_s, HALF_S).map_or(f64::NAN, |l| l.0);
+                effort - r.load - known.damping_nm_s * r.v
+            })
+            .collect();
+        let mut x: Vec<Vec<f64>> = terms
+            .iter()
+            .map(|(_, of)| rows.iter().map(of).collect())
+            .collect();
+        columns = terms.into_iter().map(|t| t.0).collect();
+        columns.push(
+            Column::linear(Effect::GravityLoad, "ratio", 1.0, 0.5).with_slack(0.02),
+        );
+        x.push(along(input.gravity_nm));
+        for other in &input.load_nm[1..] {
+            columns.push(Column::nuisance(0.7));
+            let nominal = along(input.load_nm[0]);
+            x.push(along(other).iter().zip(&nominal).map(|(a, b)| a - b).collect());
+        }
+        for (column, grid) in known.body.iter().zip(&input.body_nm) {
+            columns.push(column.clone());
+            x.push(along(grid));
+        }
+        // Coefficients count from the neutral values.
+        let mut y = y;
+        for (grid, at) in input.body_nm.iter().zip(&input.body_at).filter(|x| *x.1 != 0.0) {
+            let along = along(grid);
+            y.iter_mut().zip(&along).for_each(|(y, x)| *y += at * x);
+        }
+        let weight = y.iter().map(|y| f64::from(u8::from(y.is_finite()))).collect();
+        let y = y.into_iter().map(|y| if y.is_finite() { y } else { 0.0 }).collect();
+        segments.push(Segment { y, x, weight });
+    }
+    (!segments.is_empty()).then_some(Raw {
+        site: Site {
+            stage: Stage::Drivetrain,
+            joint: Some(joint),
+        },
+        columns,
+        segments,
+        floor: LEAST_NM,
+    })
+}
