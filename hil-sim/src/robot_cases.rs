@@ -180,7 +180,7 @@ pub struct Case {
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum RobotCaseError {
     /// No such effect.
-    #[error("no effect `{effect}`; see the effect vocabulary in docs/diagnosis.md")]
+    #[error("no effect `{effect}`; see the effect vocabulary in docs/reference/effects.md")]
     UnknownEffect {
         /// Name given.
         effect: String,

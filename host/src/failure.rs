@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-/// Documented exit codes of `rb-host` (docs/rb-host.md).
+/// Documented exit codes of `rb-host` (docs/reference/command-line.md).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Exit {

@@ -160,7 +160,7 @@ fn open_hint(source: &io::Error, port: &str) -> String {
         io::ErrorKind::ConnectionRefused if port.starts_with("tcp") => {
             "nothing listens there; start `rb-host emulate robot --tcp ADDRESS` or check the address".to_owned()
         }
-        _ if port.contains("rfcomm") => "is the module in range and bound? See docs/bluetooth.md".to_owned(),
+        _ if port.contains("rfcomm") => "is the module in range and bound? See docs/how-to/bluetooth.md".to_owned(),
         _ => "another program may hold the port; `rb-host doctor` tells".to_owned(),
     }
 }

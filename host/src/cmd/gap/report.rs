@@ -59,7 +59,7 @@ pub(super) struct PredictArgs {
 
 fn effect(name: &str) -> Result<Effect, String> {
     Effect::from_name(name)
-        .ok_or_else(|| format!("`{name}` is not in the effect vocabulary; see docs/diagnosis.md"))
+        .ok_or_else(|| format!("`{name}` is not in the effect vocabulary; see docs/reference/effects.md"))
 }
 
 fn diagnose(
