@@ -14,13 +14,12 @@
 //! assert_eq!(model.effect(Effect::CoulombFriction, Some(2), "torque_nm"), Some(0.3));
 //! ```
 
-mod effects;
 mod error;
 mod keys;
 mod read;
 mod write;
 
-pub use effects::{Effect, EffectInfo, EffectParam, Stage};
+pub use crate::effects::{Effect, EffectInfo, EffectParam, Stage};
 pub use error::ModelError;
 pub use keys::{Key, KeyInfo};
 

@@ -93,7 +93,7 @@ fn shipped_gaits_fit() {
 fn models_with_every_effect_fit() {
     accepted(Format::Model, &Model::hand_tuned().to_toml());
     let mut model = Model::meta_optimised();
-    for effect in Effect::all() {
+    for effect in Effect::ALL.iter().copied() {
         let info = effect.info();
         let finite = |p: &files::model::EffectParam| p.neutral.clamp(p.min, p.max.min(1e3));
         let values: Vec<f64> = info.parameters.iter().map(finite).collect();

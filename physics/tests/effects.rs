@@ -94,7 +94,7 @@ fn run(trials: &[Trial], level: Level) -> Vec<Outcome> {
 fn off_is_the_base_model_to_the_bit() {
     let base = gait_trial(&Model::hand_tuned(), 0);
     let expected = run(std::slice::from_ref(&base), Level::detect());
-    for effect in Effect::all().filter(|e| simulated(*e)) {
+    for effect in Effect::ALL.iter().copied().filter(|e| simulated(*e)) {
         let connector = matches!(effect, Effect::ConnectorCompliance | Effect::ConnectorPlay);
         if connector {
             // Split bodies are another structure; off means absent.
@@ -109,7 +109,7 @@ fn off_is_the_base_model_to_the_bit() {
 fn a_neighbour_with_an_effect_changes_nothing() {
     let base = gait_trial(&Model::hand_tuned(), 0);
     let expected = run(std::slice::from_ref(&base), Level::Scalar);
-    for effect in Effect::all().filter(|e| simulated(*e)) {
+    for effect in Effect::ALL.iter().copied().filter(|e| simulated(*e)) {
         let other = gait_trial(&with(effect, &strong(effect)), 0);
         let pair = run(&[base.clone(), other.clone()], Level::detect());
         assert_eq!(pair[0], expected[0], "{effect:?}");

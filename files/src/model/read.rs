@@ -204,8 +204,8 @@ impl Reader<'_> {
     fn effects(&self, model: &mut Model, value: &Value<'_>) -> Result<(), ModelError> {
         for (key, entry) in self.table("effect", value)? {
             let name = key.get_ref().as_ref();
-            let Some(effect) = Effect::by_name(name) else {
-                let known: Vec<&str> = Effect::all().map(|e| e.info().name).collect();
+            let Some(effect) = Effect::from_name(name) else {
+                let known: Vec<&str> = Effect::ALL.iter().map(|e| e.info().name).collect();
                 return Err(self.unknown(
                     key.span().start,
                     &format!("effect.{name}"),

@@ -41,7 +41,9 @@ pub(super) fn schema() -> Value {
             keys.insert(info.key.to_owned(), one);
         }
     }
-    let effects = Effect::all().map(|e| (e.info().name.to_owned(), effect(e)));
+    let effects = Effect::ALL
+        .iter()
+        .map(|&e| (e.name().to_owned(), effect(e)));
     top.insert("effect".to_owned(), closed(&[], effects.collect()).into());
     document("model.toml", &["format"], top).into()
 }

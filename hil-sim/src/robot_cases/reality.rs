@@ -242,7 +242,7 @@ impl Reality {
 /// An effect that the body simulator's parameters hold.
 fn set(model: &mut Model, name: &str, joint: Option<u8>, cause: &Planted) {
     let values: Vec<f64> = cause.parameters.iter().map(|p| p.1).collect();
-    let known = Effect::by_name(name)
+    let known = Effect::from_name(name)
         .ok_or(())
         .and_then(|e| model.set_effect(e, joint, &values).map_err(|_| ()));
     debug_assert!(known.is_ok(), "{name} {values:?}");

@@ -266,9 +266,8 @@ impl Opened {
             let found = list(&self.verdict["effects"])
                 .iter()
                 .find(|e| cause(e) == cause(p))?;
-            let key = *Effect::from_name(p["effect"].as_str()?)?
-                .parameters()
-                .first()?;
+            let effect = Effect::from_name(p["effect"].as_str()?)?;
+            let key = effect.parameters().first()?.key;
             let truth = p["parameters"][key].as_f64()?;
             let said = found["parameters"][key]["value"].as_f64()?;
             Some(((said - truth) / truth).abs())
