@@ -1,4 +1,19 @@
 //! The registry of effects: one row a cause, in the order of the simulated chain.
+//!
+//! File keys, JSON Schema, reference page, reports and the diagnosis read this table; names and keys stand nowhere else but in the
+//! generator of test data, which keeps its own. `docs/how-to/add-an-effect.md` tells how a row is added.
+
+mod channel;
+mod drive;
+mod mechanics;
+mod page;
+mod prior;
+mod signals;
+mod world;
+
+pub use channel::Channel;
+pub use page::page;
+pub use prior::{JointScales, Prior, Resolution, Scale};
 
 use serde::{Serialize, Serializer};
 
@@ -158,20 +173,79 @@ pub enum Effect {
     FrameDrop,
 }
 
+/// What an effect has one instance of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scope {
+    /// Every joint its own; several joints may share one.
+    Joint,
+    /// The robot as a whole.
+    Robot,
+}
+
+/// What an effect says of the nominal model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// The model lacks it.
+    Structural,
+    /// The model holds the parameter; the effect is another value.
+    Parametric,
+}
+
+/// What an effect can be found on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Plant {
+    /// One joint on a stand.
+    BenchJoint,
+    /// A joint of a robot.
+    RobotJoint,
+    /// The robot's body on the ground.
+    Body,
+    /// The overhead camera.
+    Camera,
+}
+
+impl Plant {
+    const JOINT: [Plant; 2] = [Plant::BenchJoint, Plant::RobotJoint];
+    const ROBOT_JOINT: [Plant; 1] = [Plant::RobotJoint];
+    const BODY: [Plant; 1] = [Plant::Body];
+    const CAMERA: [Plant; 1] = [Plant::Camera];
+
+    /// Name for people.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Plant::BenchJoint => "bench joint",
+            Plant::RobotJoint => "robot joint",
+            Plant::Body => "body",
+            Plant::Camera => "camera",
+        }
+    }
+}
+
 /// One parameter of an effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectParam {
-    /// Key in the file; ends in its unit.
+    /// Key in the file; ends in its unit, where it has one.
     pub key: &'static str,
-    /// Value that means "off". Where "off" is the nominal model's own value, the hand-tuned one.
+    /// Unit; `1` where there is none. A linear joint has m, m/s and N in place of rad, rad/s and N m.
+    pub unit: &'static str,
+    /// Value that means "off". Where "off" is the nominal model's own value, the shipped one.
     pub neutral: f64,
     /// Smallest accepted value.
     pub min: f64,
     /// Largest accepted value.
     pub max: f64,
+    /// What prior and resolution are shares of.
+    pub scale: Scale,
+    /// What is believed about the size of an effect that is there.
+    pub prior: Prior,
+    /// Where the prior comes from.
+    pub prior_source: &'static str,
+    /// Smallest size worth a name; `None` for what only shapes an effect whose size is another parameter.
+    pub resolution: Option<Resolution>,
 }
 
-/// What is known about an effect.
+/// One row of the registry: what is known about an effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectInfo {
     /// The effect.
@@ -180,90 +254,111 @@ pub struct EffectInfo {
     pub name: &'static str,
     /// Stage of the chain it belongs to.
     pub stage: Stage,
-    /// Whether every joint has its own.
-    pub per_joint: bool,
-    /// Whether the nominal model already holds the parameter, so that a change of it is parametric, not structural.
-    pub base: bool,
+    /// What has one.
+    pub scope: Scope,
+    /// Whether the nominal model already holds the parameter.
+    pub kind: Kind,
+    /// What it can be found on.
+    pub plants: &'static [Plant],
+    /// The effect as a noun, for lists and headlines: "dry friction in the gear".
+    pub plain: &'static str,
+    /// A sentence with the parameters' keys and, where every joint has one, `joints` in braces.
+    pub sentence: &'static str,
+    /// The law as an equation in plain text.
+    pub law: &'static str,
+    /// Signals that show it, most telling first.
+    pub signals: &'static [Channel],
+    /// Effects that look like it where signals are missing.
+    pub confounded: &'static [Effect],
     /// Its parameters, in file order.
     pub parameters: &'static [EffectParam],
-    /// Meaning in words.
-    pub meaning: &'static str,
-    /// One plain clause for people.
-    pub plain: &'static str,
 }
 
-const fn p(key: &'static str, neutral: f64, min: f64, max: f64) -> EffectParam {
-    EffectParam {
-        key,
-        neutral,
-        min,
-        max,
+impl EffectInfo {
+    /// Whether every joint has its own.
+    #[must_use]
+    pub fn per_joint(&self) -> bool {
+        self.scope == Scope::Joint
     }
 }
 
-#[rustfmt::skip]
-const INFO: [EffectInfo; Effect::COUNT] = [
-    EffectInfo { effect: Effect::JointOrder, name: "joint_order", stage: Stage::Conventions, per_joint: false, base: false, parameters: &[p("permutation", 0.0, 0.0, 719.0)], meaning: "joints are wired in another order (index of the permutation in lexicographic order)", plain: "joints are wired in another order" },
-    EffectInfo { effect: Effect::JointSign, name: "joint_sign", stage: Stage::Conventions, per_joint: true, base: false, parameters: &[p("sign", 1.0, -1.0, 1.0)], meaning: "a joint turns the other way (-1)", plain: "the joint counts in the other direction" },
-    EffectInfo { effect: Effect::JointScale, name: "joint_scale", stage: Stage::Conventions, per_joint: true, base: false, parameters: &[p("ratio", 1.0, -100.0, 100.0)], meaning: "a joint's angles are scaled", plain: "angles are scaled (unit or gear ratio)" },
-    EffectInfo { effect: Effect::JointOffset, name: "joint_offset", stage: Stage::Conventions, per_joint: true, base: false, parameters: &[p("offset_rad", 0.0, -6.4, 6.4)], meaning: "a joint's zero is shifted", plain: "the joint's zero is off" },
-    EffectInfo { effect: Effect::Latency, name: "latency", stage: Stage::Transport, per_joint: true, base: false, parameters: &[p("delay_s", 0.0, 0.0, 5.0)], meaning: "set-points arrive late", plain: "set-points arrive late" },
-    EffectInfo { effect: Effect::Jitter, name: "jitter", stage: Stage::Transport, per_joint: true, base: false, parameters: &[p("sigma_s", 0.0, 0.0, 5.0)], meaning: "set-points arrive at uneven times", plain: "set-points arrive at irregular times" },
-    EffectInfo { effect: Effect::PacketLoss, name: "packet_loss", stage: Stage::Transport, per_joint: true, base: false, parameters: &[p("probability", 0.0, 0.0, 1.0)], meaning: "set-points get lost", plain: "set-points or samples get lost" },
-    EffectInfo { effect: Effect::Quantisation, name: "quantisation", stage: Stage::Transport, per_joint: true, base: false, parameters: &[p("step_rad", 0.0, 0.0, 1.0)], meaning: "set-points are rounded", plain: "set-points are coarse" },
-    EffectInfo { effect: Effect::ClockSkew, name: "clock_skew", stage: Stage::Transport, per_joint: false, base: false, parameters: &[p("ratio", 1.0, 0.5, 2.0)], meaning: "clocks run at different rates", plain: "the robot's clock runs at another rate" },
-    EffectInfo { effect: Effect::LoopGain, name: "loop_gain", stage: Stage::Driver, per_joint: true, base: true, parameters: &[p("ratio", 1.0, 0.0, 100.0)], meaning: "position gain of the joint's controller", plain: "the controller's position gain differs" },
-    EffectInfo { effect: Effect::DampingGain, name: "damping_gain", stage: Stage::Driver, per_joint: true, base: true, parameters: &[p("ratio", 1.0, 0.0, 100.0)], meaning: "damping of the joint's controller", plain: "the controller's velocity gain differs" },
-    EffectInfo { effect: Effect::Deadband, name: "deadband", stage: Stage::Driver, per_joint: true, base: false, parameters: &[p("half_width_rad", 0.0, 0.0, 1.0)], meaning: "the controller ignores small errors", plain: "the controller ignores small errors" },
-    EffectInfo { effect: Effect::VelocityLimit, name: "velocity_limit", stage: Stage::Driver, per_joint: true, base: true, parameters: &[p("limit_rad_s", f64::INFINITY, 0.0, f64::INFINITY)], meaning: "highest commanded speed", plain: "the driver limits the speed" },
-    EffectInfo { effect: Effect::FeedbackDelay, name: "feedback_delay", stage: Stage::Driver, per_joint: true, base: false, parameters: &[p("delay_s", 0.0, 0.0, 1.0)], meaning: "the controller sees old angles", plain: "the controller sees the encoder late" },
-    EffectInfo { effect: Effect::MotorLag, name: "motor_lag", stage: Stage::Driver, per_joint: true, base: false, parameters: &[p("time_constant_s", 0.0, 0.0, 10.0)], meaning: "the drive follows its command with a lag", plain: "the motor follows the controller with a lag" },
-    EffectInfo { effect: Effect::MotorConstant, name: "motor_constant", stage: Stage::Electrical, per_joint: true, base: true, parameters: &[p("ratio", 1.0, 0.01, 100.0)], meaning: "torque per current", plain: "the motor constant differs" },
-    EffectInfo { effect: Effect::WindingResistance, name: "winding_resistance", stage: Stage::Electrical, per_joint: true, base: true, parameters: &[p("ratio", 1.0, 0.01, 100.0)], meaning: "resistance of the winding", plain: "the winding resistance differs" },
-    EffectInfo { effect: Effect::CurrentLimit, name: "current_limit", stage: Stage::Electrical, per_joint: true, base: false, parameters: &[p("limit_a", f64::INFINITY, 0.0, f64::INFINITY)], meaning: "current is limited", plain: "the current is limited" },
-    EffectInfo { effect: Effect::TorqueLimit, name: "torque_limit", stage: Stage::Electrical, per_joint: true, base: true, parameters: &[p("limit_nm", f64::INFINITY, 0.0, f64::INFINITY)], meaning: "torque is limited", plain: "the torque is limited" },
-    EffectInfo { effect: Effect::ThermalDerating, name: "thermal_derating", stage: Stage::Electrical, per_joint: true, base: false, parameters: &[p("time_constant_s", f64::INFINITY, 0.0, f64::INFINITY), p("fraction", 0.0, 0.0, 1.0)], meaning: "torque falls as the motor warms", plain: "the motor weakens as it warms up" },
-    EffectInfo { effect: Effect::SupplyVoltage, name: "supply_voltage", stage: Stage::Supply, per_joint: false, base: true, parameters: &[p("value_v", 7.4, 0.0, 100.0)], meaning: "bus voltage without load", plain: "the supply voltage differs" },
-    EffectInfo { effect: Effect::SupplySag, name: "supply_sag", stage: Stage::Supply, per_joint: false, base: false, parameters: &[p("resistance_ohm", 0.0, 0.0, 100.0)], meaning: "bus voltage falls with current", plain: "the supply sags under load" },
-    EffectInfo { effect: Effect::CoulombFriction, name: "coulomb_friction", stage: Stage::Drivetrain, per_joint: true, base: false, parameters: &[p("torque_nm", 0.0, 0.0, 100.0)], meaning: "constant friction against motion", plain: "dry friction in the gear" },
-    EffectInfo { effect: Effect::ViscousFriction, name: "viscous_friction", stage: Stage::Drivetrain, per_joint: true, base: false, parameters: &[p("nm_s_rad", 0.0, 0.0, 100.0)], meaning: "friction proportional to speed", plain: "friction that grows with speed" },
-    EffectInfo { effect: Effect::StribeckFriction, name: "stribeck_friction", stage: Stage::Drivetrain, per_joint: true, base: false, parameters: &[p("static_nm", 0.0, 0.0, 100.0), p("velocity_rad_s", 0.05, 1e-06, 100.0)], meaning: "extra friction at low speed", plain: "extra friction near standstill" },
-    EffectInfo { effect: Effect::LoadDependentFriction, name: "load_dependent_friction", stage: Stage::Drivetrain, per_joint: true, base: false, parameters: &[p("fraction", 0.0, 0.0, 1.0)], meaning: "friction proportional to the transmitted torque", plain: "friction that grows with the load" },
-    EffectInfo { effect: Effect::AsymmetricFriction, name: "asymmetric_friction", stage: Stage::Drivetrain, per_joint: true, base: false, parameters: &[p("difference_nm", 0.0, -100.0, 100.0), p("difference_nm_s_rad", 0.0, -100.0, 100.0)], meaning: "friction differs between the directions", plain: "friction that differs by direction" },
-    EffectInfo { effect: Effect::QuadraticFriction, name: "quadratic_friction", stage: Stage::Drivetrain, per_joint: true, base: false, parameters: &[p("nm_s2_rad2", 0.0, 0.0, 100.0)], meaning: "friction proportional to speed squared", plain: "friction that grows with speed squared" },
-    EffectInfo { effect: Effect::TorqueRipple, name: "torque_ripple", stage: Stage::Drivetrain, per_joint: true, base: false, parameters: &[p("amplitude_nm", 0.0, -100.0, 100.0), p("periods", 1.0, 0.0, 100000.0), p("phase_rad", 0.0, -6.4, 6.4)], meaning: "torque periodic in the joint angle", plain: "torque that varies with the angle" },
-    EffectInfo { effect: Effect::Inertia, name: "inertia", stage: Stage::Drivetrain, per_joint: true, base: true, parameters: &[p("ratio", 1.0, 0.01, 100.0)], meaning: "inertia seen by the joint", plain: "the inertia differs" },
-    EffectInfo { effect: Effect::GravityLoad, name: "gravity_load", stage: Stage::Drivetrain, per_joint: true, base: true, parameters: &[p("ratio", 1.0, -100.0, 100.0)], meaning: "gravity torque seen by the joint", plain: "the gravity load differs" },
-    EffectInfo { effect: Effect::Backlash, name: "backlash", stage: Stage::Transmission, per_joint: true, base: false, parameters: &[p("half_width_rad", 0.0, 0.0, 1.0)], meaning: "play between encoder and link", plain: "play in the gear" },
-    EffectInfo { effect: Effect::Compliance, name: "compliance", stage: Stage::Transmission, per_joint: true, base: false, parameters: &[p("stiffness_nm_rad", f64::INFINITY, 0.01, f64::INFINITY)], meaning: "spring between encoder and link", plain: "the gear twists under load" },
-    EffectInfo { effect: Effect::ConnectorCompliance, name: "connector_compliance", stage: Stage::Transmission, per_joint: false, base: false, parameters: &[p("stiffness_nm_rad", f64::INFINITY, 0.01, f64::INFINITY)], meaning: "the connection of the modules bends", plain: "the connector twists under load" },
-    EffectInfo { effect: Effect::ConnectorPlay, name: "connector_play", stage: Stage::Transmission, per_joint: false, base: false, parameters: &[p("half_width_rad", 0.0, 0.0, 1.0)], meaning: "the connection of the modules is loose", plain: "play in the connector" },
-    EffectInfo { effect: Effect::GroundFriction, name: "ground_friction", stage: Stage::Body, per_joint: false, base: true, parameters: &[p("coefficient", 1.0, 0.0, 10.0)], meaning: "friction of the ground", plain: "the ground is more or less slippery" },
-    EffectInfo { effect: Effect::FrictionAnisotropy, name: "friction_anisotropy", stage: Stage::Body, per_joint: false, base: false, parameters: &[p("ratio", 1.0, 0.01, 100.0), p("direction_rad", 0.0, -6.4, 6.4)], meaning: "friction differs between two directions", plain: "the ground is slippery in one direction" },
-    EffectInfo { effect: Effect::TorsionalFriction, name: "torsional_friction", stage: Stage::Body, per_joint: false, base: false, parameters: &[p("coefficient_m", 0.0, 0.0, 1.0)], meaning: "a contact resists turning about its normal", plain: "turning on the spot is braked" },
-    EffectInfo { effect: Effect::Restitution, name: "restitution", stage: Stage::Body, per_joint: false, base: true, parameters: &[p("coefficient", 0.5, 0.0, 1.0)], meaning: "bounce of the ground", plain: "impacts bounce" },
-    EffectInfo { effect: Effect::GroundSlope, name: "ground_slope", stage: Stage::Body, per_joint: false, base: false, parameters: &[p("roll_rad", 0.0, -1.5, 1.5), p("pitch_rad", 0.0, -1.5, 1.5)], meaning: "the ground is tilted", plain: "the ground is not level" },
-    EffectInfo { effect: Effect::GroundCompliance, name: "ground_compliance", stage: Stage::Body, per_joint: false, base: false, parameters: &[p("stiffness_n_m", f64::INFINITY, 1.0, f64::INFINITY), p("damping_n_s_m", 0.0, 0.0, 1000000.0)], meaning: "the ground is soft", plain: "the ground is soft" },
-    EffectInfo { effect: Effect::Mass, name: "mass", stage: Stage::Body, per_joint: false, base: true, parameters: &[p("ratio", 1.0, 0.01, 100.0)], meaning: "mass of the robot", plain: "the mass differs" },
-    EffectInfo { effect: Effect::ComOffset, name: "com_offset", stage: Stage::Body, per_joint: false, base: false, parameters: &[p("x_m", 0.0, -1.0, 1.0), p("y_m", 0.0, -1.0, 1.0), p("z_m", 0.0, -1.0, 1.0)], meaning: "centre of mass of body 3 is shifted", plain: "the centre of mass is off" },
-    EffectInfo { effect: Effect::CameraHeight, name: "camera_height", stage: Stage::Camera, per_joint: false, base: true, parameters: &[p("value_m", 2.6, 0.1, 100.0)], meaning: "height of the camera", plain: "the camera hangs at another height" },
-    EffectInfo { effect: Effect::CameraOffset, name: "camera_offset", stage: Stage::Camera, per_joint: false, base: false, parameters: &[p("x_m", 0.0, -10.0, 10.0), p("y_m", 0.0, -10.0, 10.0)], meaning: "position of the camera", plain: "the camera is shifted" },
-    EffectInfo { effect: Effect::CameraYaw, name: "camera_yaw", stage: Stage::Camera, per_joint: false, base: false, parameters: &[p("angle_rad", 0.0, -6.4, 6.4)], meaning: "direction of the camera", plain: "the camera is turned" },
-    EffectInfo { effect: Effect::CameraTimeShift, name: "camera_time_shift", stage: Stage::Camera, per_joint: false, base: false, parameters: &[p("shift_s", 0.0, -60.0, 60.0)], meaning: "film and recording have different clocks", plain: "the camera's clock is off" },
-    EffectInfo { effect: Effect::FrameDrop, name: "frame_drop", stage: Stage::Camera, per_joint: false, base: false, parameters: &[p("probability", 0.0, 0.0, 1.0)], meaning: "frames are missing", plain: "frames are missing" },
-];
+/// The registry, in the order of [`Effect`].
+static REGISTRY: [EffectInfo; Effect::COUNT] = {
+    let mut all = [signals::ROWS[0]; Effect::COUNT];
+    let parts: [&[EffectInfo]; 4] = [&signals::ROWS, &drive::ROWS, &mechanics::ROWS, &world::ROWS];
+    let (mut part, mut row, mut k) = (0, 0, 0);
+    while part < parts.len() {
+        if row == parts[part].len() {
+            (part, row) = (part + 1, 0);
+            continue;
+        }
+        all[k] = parts[part][row];
+        (row, k) = (row + 1, k + 1);
+    }
+    assert!(k == Effect::COUNT, "one row an effect");
+    all
+};
 
 impl Effect {
     /// How many there are.
     pub const COUNT: usize = 48;
 
     /// Every effect, in the order of the chain.
-    pub const ALL: &'static [Effect] = &ALL;
+    pub const ALL: &'static [Effect] = &[
+        Effect::JointOrder,
+        Effect::JointSign,
+        Effect::JointScale,
+        Effect::JointOffset,
+        Effect::Latency,
+        Effect::Jitter,
+        Effect::PacketLoss,
+        Effect::Quantisation,
+        Effect::ClockSkew,
+        Effect::LoopGain,
+        Effect::DampingGain,
+        Effect::Deadband,
+        Effect::VelocityLimit,
+        Effect::FeedbackDelay,
+        Effect::MotorLag,
+        Effect::MotorConstant,
+        Effect::WindingResistance,
+        Effect::CurrentLimit,
+        Effect::TorqueLimit,
+        Effect::ThermalDerating,
+        Effect::SupplyVoltage,
+        Effect::SupplySag,
+        Effect::CoulombFriction,
+        Effect::ViscousFriction,
+        Effect::StribeckFriction,
+        Effect::LoadDependentFriction,
+        Effect::AsymmetricFriction,
+        Effect::QuadraticFriction,
+        Effect::TorqueRipple,
+        Effect::Inertia,
+        Effect::GravityLoad,
+        Effect::Backlash,
+        Effect::Compliance,
+        Effect::ConnectorCompliance,
+        Effect::ConnectorPlay,
+        Effect::GroundFriction,
+        Effect::FrictionAnisotropy,
+        Effect::TorsionalFriction,
+        Effect::Restitution,
+        Effect::GroundSlope,
+        Effect::GroundCompliance,
+        Effect::Mass,
+        Effect::ComOffset,
+        Effect::CameraHeight,
+        Effect::CameraOffset,
+        Effect::CameraYaw,
+        Effect::CameraTimeShift,
+        Effect::FrameDrop,
+    ];
 
     /// What is known about the effect.
     #[must_use]
     pub fn info(self) -> &'static EffectInfo {
-        &INFO[self as usize]
+        &REGISTRY[self as usize]
     }
 
     /// Name in files and reports.
@@ -275,7 +370,8 @@ impl Effect {
     /// The effect of that name.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Effect> {
-        INFO.iter()
+        REGISTRY
+            .iter()
             .find(|info| info.name == name)
             .map(|info| info.effect)
     }
@@ -289,7 +385,7 @@ impl Effect {
     /// Whether the nominal model already holds its parameter: a change is a parametric gap.
     #[must_use]
     pub fn is_base(self) -> bool {
-        self.info().base
+        self.info().kind == Kind::Parametric
     }
 
     /// Its parameters, in file order.
@@ -298,23 +394,12 @@ impl Effect {
         self.info().parameters
     }
 
-    /// One plain clause for people.
+    /// The effect as a noun, for lists and headlines.
     #[must_use]
     pub fn plain(self) -> &'static str {
         self.info().plain
     }
 }
-
-/// The effects of [`INFO`], in its order.
-const ALL: [Effect; Effect::COUNT] = {
-    let mut all = [Effect::JointOrder; Effect::COUNT];
-    let mut k = 0;
-    while k < Effect::COUNT {
-        all[k] = INFO[k].effect;
-        k += 1;
-    }
-    all
-};
 
 impl Serialize for Stage {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {

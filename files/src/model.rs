@@ -206,10 +206,10 @@ impl Model {
     /// As [`Model::set_effect`].
     pub fn set_effect_entry(&mut self, entry: EffectEntry) -> Result<(), ModelError> {
         let info = entry.effect.info();
-        if entry.joint.is_some() != info.per_joint || entry.joint.is_some_and(|j| j >= JOINTS) {
+        if entry.joint.is_some() != info.per_joint() || entry.joint.is_some_and(|j| j >= JOINTS) {
             return Err(ModelError::EffectJoint {
                 effect: info.name,
-                per_joint: info.per_joint,
+                per_joint: info.per_joint(),
             });
         }
         if entry.parameters.len() != info.parameters.len() {

@@ -33,7 +33,7 @@ fn gait_trial(model: &Model, k: u32) -> Trial {
 
 fn with(effect: Effect, values: &[f64]) -> Model {
     let mut model = Model::hand_tuned();
-    if effect.info().per_joint {
+    if effect.info().per_joint() {
         for joint in 0..6 {
             model.set_effect(effect, Some(joint), values).unwrap();
         }

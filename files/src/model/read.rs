@@ -212,7 +212,7 @@ impl Reader<'_> {
                     &known.join(", "),
                 ));
             };
-            if effect.info().per_joint {
+            if effect.info().per_joint() {
                 for (joint_key, joint_entry) in self.table(name, entry)? {
                     let joint = joint_key
                         .get_ref()

@@ -36,7 +36,7 @@ pub(super) fn patched<'a>(model: &Model, parts: impl IntoIterator<Item = Part<'a
             .collect();
         let joint = joint
             .and_then(|k| u8::try_from(k).ok())
-            .filter(|_| info.per_joint);
+            .filter(|_| info.per_joint());
         let mut next = out.clone();
         let entry = EffectEntry {
             effect,

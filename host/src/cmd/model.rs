@@ -151,7 +151,7 @@ fn effect_json(entry: &EffectEntry) -> Value {
         .zip(&entry.parameters)
         .map(|(d, p)| json!({ "key": d.key, "value": p.value, "tolerance": p.tolerance, "source": p.source, "off": d.neutral }))
         .collect();
-    json!({ "effect": info.name, "stage": info.stage.name(), "joint": entry.joint, "parameters": parameters, "meaning": info.meaning })
+    json!({ "effect": info.name, "stage": info.stage.name(), "joint": entry.joint, "parameters": parameters, "meaning": info.plain })
 }
 
 fn text(model: &Model) -> String {
@@ -193,7 +193,7 @@ fn text(model: &Model) -> String {
             out,
             "  {}{joint}: {} (stage {})",
             info.name,
-            info.meaning,
+            info.plain,
             info.stage.name()
         );
         for (d, p) in info.parameters.iter().zip(&entry.parameters) {

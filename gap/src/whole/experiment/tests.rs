@@ -20,7 +20,7 @@ fn explanation(effect: Effect, values: &[f64]) -> Explanation {
     let mut model = Model::hand_tuned();
     model.set_effect(effect, None, values).expect("in range");
     Explanation {
-        effect: effect,
+        effect,
         parameters: std::collections::BTreeMap::new(),
         model,
     }
