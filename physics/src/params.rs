@@ -61,7 +61,7 @@ pub struct JointParams {
     pub coulomb_nm: f64,
     /// `viscous_friction.nm_s_rad`.
     pub viscous_nm_s_rad: f64,
-    /// `stribeck_friction.static_nm`: extra friction at rest; falls as 1 / (1 + (v / velocity)^2) (Hess and Soom 1990).
+    /// `stribeck_friction.static_nm`: extra friction at rest; falls as exp(-(v / velocity)^2), see [`crate::laws::stribeck`].
     pub stribeck_nm: f64,
     /// `stribeck_friction.velocity_rad_s`.
     pub stribeck_rad_s: f64,

@@ -245,6 +245,39 @@ fn quadratic_friction_brakes_hyperbolically() {
 }
 
 #[test]
+fn stribeck_friction_falls_as_a_bell() {
+    let (static_nm, width_rad_s) = (0.4, 0.2);
+    // Torque that turns joint 1 at `rad_s`, all others held.
+    let torque = |model: &Model, rad_s: f64| {
+        let mut body = weightless(model, 0.001);
+        let held = |rad_s| JointDrive::Speed {
+            rad_s,
+            limit_nm: f64::INFINITY,
+        };
+        let mut drives = [held(0.0); 6];
+        drives[1] = held(rad_s);
+        for _ in 0..20 {
+            body.step(&drives);
+        }
+        body.torques_nm().nth(1).unwrap()
+    };
+    let rubbing = with(Effect::StribeckFriction, &[static_nm, width_rad_s]);
+    for rad_s in [-0.5, -0.2, -0.05, 0.05, 0.1, 0.2, 0.4, 1.0] {
+        let rub = torque(&rubbing, rad_s) - torque(&Model::hand_tuned(), rad_s);
+        let bell = libm::exp(-(rad_s / width_rad_s) * (rad_s / width_rad_s));
+        let exact = static_nm * bell * rad_s.signum();
+        assert!((rub - exact).abs() < 1e-3, "{rad_s}: {rub} {exact}");
+    }
+}
+
+#[test]
+fn sticking_friction_goes_by_the_speed_of_the_joint() {
+    // Far above the width nothing brakes; were it to go by the speed that is asked for, the joint would stop.
+    let (v, _) = coast(Effect::StribeckFriction, &[0.2, 0.1], 0.2);
+    assert!((v - 1.0).abs() < 0.02, "{v}");
+}
+
+#[test]
 fn inertia_ratio_slows_the_answer_to_a_torque() {
     let angle = |ratio: f64| {
         let mut body = weightless(&with(Effect::Inertia, &[ratio]), 0.001);
