@@ -24,6 +24,9 @@ pub const LINKS: usize = 2;
 pub const BUS_BYTE_US: u64 = 10;
 /// Bytes taken from a link at once: bounds what one poll decodes (64 bytes at 115200 baud take 5.6 ms to arrive).
 const RX_CHUNK: usize = 64;
+/// Turns of one exchange: a turn that is not the last brings a byte or an error, a byte takes 10 us, and the longest wait (a slice of a raw packet's
+/// listening, 30 ms, and the longest packet both ways, 6 ms) is 36 ms.
+const MAX_TURNS: u32 = 4_000;
 /// Largest bus packet either way: sync read reply of one driver, sync write of six, or a raw packet of the host.
 pub(crate) const BUS_BUFFER: usize = 320;
 
@@ -167,7 +170,9 @@ async fn exchange<C: Clock, B: BusPort>(
     let give_up_us = start_us
         .saturating_add(bytes.saturating_mul(BUS_BYTE_US))
         .saturating_add(gap_us);
-    loop {
+    // A line that never falls silent, or a port that reports one error after the other, always has something to read: so the time is asked at every turn,
+    // and the turns are counted for a clock that stands still.
+    for _ in 0..MAX_TURNS {
         match select(bus.read(&mut rx), clock.sleep_until_us(give_up_us)).await {
             Either::First(Ok(len)) => {
                 let bytes = rx.get(..len).unwrap_or(&[]);
@@ -176,12 +181,13 @@ async fn exchange<C: Clock, B: BusPort>(
                 }
             }
             Either::First(Err(error)) => shared.with(|app| app.bus_error(error)),
-            Either::Second(()) => {
-                shared.with(|app| app.bus_silent());
-                return;
-            }
+            Either::Second(()) => break,
+        }
+        if clock.now_us() >= give_up_us {
+            break;
         }
     }
+    shared.with(|app| app.bus_silent());
 }
 
 async fn work<C: Clock, S: SlotStore>(
@@ -214,7 +220,7 @@ async fn receive<C: Clock, R: LinkRx>(
                 let bytes = chunk.get(..len).unwrap_or(&[]);
                 shared.with(|app| app.link_received(link, bytes, clock.now_us()));
             }
-            Err(error) => shared.with(|app| app.link_error(link, error)),
+            Err(error) => shared.with(|app| app.link_error(link, error, clock.now_us())),
         }
         wake.senders();
         wake.work.notify();

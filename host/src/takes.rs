@@ -38,6 +38,8 @@ pub struct Take {
     pub duration: Duration,
     /// Samples per second.
     pub rate_hz: u32,
+    /// Runs to its end when this host is gone.
+    pub autonomous: bool,
     /// Where to store the gait; `None` = the robot's choice.
     pub slot: Option<u8>,
     /// Where an emulated robot is put down, beside what its scenario says, m.
@@ -160,6 +162,7 @@ pub fn take(context: &Context, uri: &PortUri, set: &SetFolder, take: &Take) -> O
         duration: take.duration,
         rate_hz: take.rate_hz,
         countdown: MARK,
+        lease: runner::lease(uri, take.autonomous),
     };
     let path = set.recording_path(&take.name);
     let mut recorder = open_recording(&path, true, &mut robot, &take.gait, None)?;

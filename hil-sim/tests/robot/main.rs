@@ -2,6 +2,7 @@
 
 mod common;
 mod faults;
+mod lease;
 mod orders;
 mod physics;
 mod run;
@@ -9,3 +10,4 @@ mod schedules;
 mod security;
 mod serve;
 mod upload;
+mod withheld;

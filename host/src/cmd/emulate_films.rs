@@ -142,6 +142,7 @@ fn plan(args: &FilmsArgs, gait: &Gait, number: u32) -> Take {
         duration: args
             .duration
             .unwrap_or_else(|| Duration::from_secs_f32(gait.duration_s())),
+        autonomous: false,
         rate_hz: TELEMETRY_HZ,
         slot: None,
         start_m: [0.0; 2],

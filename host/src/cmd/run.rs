@@ -52,6 +52,9 @@ pub struct Args {
     /// Wait before the first movement
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     countdown: Option<Duration>,
+    /// Let the robot run to its end when this computer or the link is gone; else it stops within a second. `sim:` always does
+    #[arg(long)]
+    autonomous: bool,
     /// Attach this model file to the recording
     #[arg(short, long, value_name = "FILE")]
     model: Option<PathBuf>,
@@ -160,6 +163,7 @@ fn run_takes(
                 .duration
                 .unwrap_or_else(|| Duration::from_secs_f32(gait.duration_s())),
             rate_hz: rate_hz(args, context)?,
+            autonomous: args.autonomous,
             slot: args.slot,
             start_m: [0.0; 2],
         };
@@ -269,6 +273,7 @@ fn order(args: &Args, context: &Context, slot: u8, digest: Digest, gait: Gait) -
             .duration
             .unwrap_or_else(|| Duration::from_secs_f32(gait.duration_s())),
         rate_hz: rate_hz(args, context)?,
+        lease: runner::lease(&context.port()?, args.autonomous),
         countdown: args.countdown.unwrap_or_default(),
         gait,
     })
@@ -340,7 +345,12 @@ fn verdict(reports: &[RunReport]) -> Outcome {
                 Exit::Refused,
                 format!("the run ended early: {}", text::end_reason(reason)),
             );
-            Err(failure.hint("`rb-host log` tells what happened"))
+            Err(failure.hint(match reason {
+                EndReason::HostLost => {
+                    "the robot heard no heartbeat of this computer for its lease; `--autonomous` lets it run on"
+                }
+                _ => "`rb-host log` tells what happened",
+            }))
         }
         None => Err(Failure::say(
             Exit::Link,

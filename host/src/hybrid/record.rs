@@ -53,6 +53,7 @@ impl Hybrid<'_> {
                     gait: gait.clone(),
                     role: Some(*role),
                     duration: Duration::from_secs_f32(gait.duration_s()),
+                    autonomous: false,
                     rate_hz: TELEMETRY_HZ,
                     slot: self.state.slot,
                     start_m,

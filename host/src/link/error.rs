@@ -88,6 +88,14 @@ pub enum LinkError {
         /// What was asked.
         request: &'static str,
     },
+    /// A STOP was acknowledged, and not proved with the robot's key.
+    #[error(
+        "the STOP was acknowledged without the proof of the robot's key: the answer may be forged"
+    )]
+    Unproved,
+    /// The robot proved that it still moves.
+    #[error("the robot acknowledged the STOP and still moves")]
+    StillMoving,
     /// Ctrl-C.
     #[error("stopped by Ctrl-C")]
     Interrupted,
@@ -127,6 +135,8 @@ impl LinkError {
             | Self::Timeout { .. }
             | Self::Restarted { .. }
             | Self::WrongAnswer { .. }
+            | Self::Unproved
+            | Self::StillMoving
             | Self::TooLarge { .. } => Exit::Link,
         }
     }
@@ -146,6 +156,10 @@ impl LinkError {
                  `rb-host config key set`"
                     .to_owned(),
             ),
+            Self::Unproved => Some(
+                "look at the robot, use its STOP button if it moves; if it has lost its key, set one over USB: `rb-host config key set`".to_owned(),
+            ),
+            Self::StillMoving => Some("use the STOP button on the robot".to_owned()),
             _ => None,
         }
     }

@@ -3,7 +3,7 @@
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
-use protocol::link::{KEY_LEN, Key};
+use protocol::link::{KEY_LEN, Key, Nonce};
 
 /// Where keys are kept.
 #[derive(Debug, Clone)]
@@ -83,9 +83,21 @@ fn write_private(path: &Path, text: &str) -> io::Result<()> {
 /// # Errors
 /// There is no source of randomness.
 pub fn new_key() -> io::Result<Key> {
-    let mut bytes = [0; KEY_LEN];
+    Ok(Key(random()?))
+}
+
+/// A challenge for the robot.
+///
+/// # Errors
+/// There is no source of randomness.
+pub fn new_nonce() -> io::Result<Nonce> {
+    Ok(Nonce(random()?))
+}
+
+fn random<const N: usize>() -> io::Result<[u8; N]> {
+    let mut bytes = [0; N];
     std::fs::File::open("/dev/urandom")?.read_exact(&mut bytes)?;
-    Ok(Key(bytes))
+    Ok(bytes)
 }
 
 fn format_key(key: &Key) -> String {

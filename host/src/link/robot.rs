@@ -4,10 +4,12 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use protocol::link::{
-    Client, FromModule, Hello, Info, Key, MAX_FRAME, Nonce, Reject, ToModule, VERSION,
+    Client, FromModule, Hello, Info, Key, MAX_FRAME, ModuleState, Nonce, Reject, Tag, ToModule,
+    VERSION,
 };
 
-use super::{Link, LinkError, keys::KeyStore};
+use super::keys::{KeyStore, new_nonce};
+use super::{Link, LinkError};
 use crate::interrupt;
 
 /// Times a request is sent before it counts as unanswered. The module does a repeated request once.
@@ -26,6 +28,15 @@ pub struct Pong {
     pub module_us: u64,
     /// Link time at the middle of the round trip.
     pub host: Duration,
+}
+
+/// What is known after a STOP.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stopped {
+    /// Somebody acknowledged it; without a key nobody can say who.
+    Acknowledged,
+    /// The robot proved with its key that it stops.
+    Proved,
 }
 
 /// A robot that said HELLO.
@@ -71,6 +82,10 @@ fn name(message: &ToModule) -> &'static str {
         ToModule::SetKey { .. } => "set key",
         ToModule::Reset { .. } => "reset",
         ToModule::GetCrash => "crash record",
+        ToModule::StartTethered { .. } => "start",
+        ToModule::Heartbeat { .. } => "heartbeat",
+        ToModule::ProveState { .. } => "proof of its state",
+        ToModule::ChangeGait { .. } => "change of gait",
     }
 }
 
@@ -160,6 +175,11 @@ impl Robot {
                 self.resume()?;
                 self.ask_once(message)
             }
+            // The challenge was voided between its answer and the order, by its age or by somebody's STOP or HELLO: nothing has changed, sign anew.
+            Err(LinkError::Refused {
+                reason: Reject::NoChallenge,
+                ..
+            }) if self.key.is_some() && message.tag().is_some() => self.ask_once(message),
             other => other,
         }
     }
@@ -336,6 +356,40 @@ impl Robot {
                 request: name(message),
             }),
         }
+    }
+
+    /// STOP, and the proof that it was this robot that stopped, if this host has its key.
+    ///
+    /// # Errors
+    /// [`LinkError::Unproved`] when the answer is not the robot's, [`LinkError::StillMoving`] when it is and the robot moves.
+    pub fn stop(&mut self) -> Result<Stopped, LinkError> {
+        self.order(&ToModule::Stop)?;
+        let Some(key) = self.key else {
+            return Ok(Stopped::Acknowledged);
+        };
+        let nonce = new_nonce().map_err(|_| LinkError::Unproved)?;
+        let answer = match self.ask(&ToModule::ProveState { nonce }) {
+            Err(LinkError::Refused { .. }) => return Err(LinkError::Unproved),
+            answer => answer?,
+        };
+        match answer {
+            FromModule::State { state, .. } if key.proves(&nonce, &answer) => match state {
+                ModuleState::Armed | ModuleState::Run => Err(LinkError::StillMoving),
+                _ => Ok(Stopped::Proved),
+            },
+            _ => Err(LinkError::Unproved),
+        }
+    }
+
+    /// Tells the robot of a tethered run that this host is still there, within `patience`.
+    ///
+    /// # Errors
+    /// [`LinkError`]
+    pub fn heartbeat(&mut self, patience: Duration) -> Result<(), LinkError> {
+        let timeout = core::mem::replace(&mut self.timeout, patience);
+        let result = self.order(&ToModule::Heartbeat { tag: Tag::NONE });
+        self.timeout = timeout;
+        result
     }
 
     /// Round trip and module clock.

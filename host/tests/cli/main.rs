@@ -25,3 +25,4 @@ mod python;
 mod recordings;
 mod rig;
 mod search;
+mod tether;

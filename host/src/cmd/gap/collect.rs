@@ -153,6 +153,7 @@ fn record(
         gait: item.gait.clone(),
         role: None,
         duration: Duration::from_secs_f64(item.duration_s),
+        autonomous: false,
         rate_hz: 100,
         slot,
         start_m: [0.0; 2],
