@@ -260,3 +260,58 @@ fn measured_recordings_parse() {
         }
     }
 }
+
+#[test]
+fn lines_are_counted_as_an_editor_does_whatever_ends_them() {
+    let manifest = manifest("");
+    for end in ["\n", "\r\n"] {
+        // Empty lines are skipped by the reader, not by an editor.
+        for (rows, line) in [
+            (["0,0,0", "0.1,0,0", "0.2,0,abc", "0.3,0,0"], 4),
+            (["0,0,abc", "0.1,0,0", "0.2,0,0", "0.3,0,0"], 2),
+            (["0,0,0", "", "", "0.1,0,abc"], 5),
+            (["0,0,0", "0.1,0,0", "0.2,0", "0.3,0,0"], 4),
+            (["0,0,0", "0.2,0,0", "0.1,0,0", "0.3,0,0"], 4),
+        ] {
+            for bom in ["", "\u{feff}"] {
+                let header = format!("{bom}t_s,setpoint_rad,position_rad");
+                let text = [&[header.as_str()], &rows[..]].concat().join(end) + end;
+                let error = Recording::parse("a.csv", &text, &manifest).unwrap_err();
+                let said = error.to_string();
+                assert!(
+                    said.starts_with(&format!("a.csv:{line}: ")),
+                    "{said}: {text:?}"
+                );
+                assert_eq!(said.matches("line").count(), 0, "{said}");
+            }
+        }
+    }
+}
+
+#[test]
+fn files_of_a_data_set_lie_in_its_folder() {
+    for (path, inside) in [
+        ("a.csv", true),
+        ("sub/a.csv", true),
+        ("a..b.csv", true),
+        ("", false),
+        ("/dev/zero", false),
+        ("..", false),
+        ("sub/../../a.csv", false),
+        ("..\\\\a.csv", false),
+        ("C:\\\\a.csv", false),
+        ("\\\\\\\\server\\\\a.csv", false),
+    ] {
+        for key in ["file", "frames"] {
+            let other = if key == "file" {
+                ""
+            } else {
+                "file = \"a.csv\"\n"
+            };
+            let text =
+                format!("format = 1\nrobot = \"bench\"\n[[run]]\n{other}{key} = \"{path}\"\n");
+            let parsed = Manifest::parse("dataset.toml", &text);
+            assert_eq!(parsed.is_ok(), inside, "{key} = {path}");
+        }
+    }
+}

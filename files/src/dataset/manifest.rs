@@ -215,7 +215,7 @@ impl Manifest {
         }
         let mut model = None;
         if let Some(t) = root.table("metamodule")? {
-            model = t.text("model")?.map(str::to_string);
+            model = t.path_inside("model")?.map(str::to_string);
             t.finish(&mut warnings);
         }
         let camera = root
@@ -251,11 +251,11 @@ fn parse_run(
     warnings: &mut Vec<Warning>,
 ) -> Result<Run, DatasetError> {
     let file = t
-        .text("file")?
+        .path_inside("file")?
         .ok_or_else(|| t.missing("file", "name the CSV file of the run"))?;
     let gait = t.text("gait")?.unwrap_or(file);
     let role = t.word("role", &[("fit", Role::Fit), ("check", Role::Check)])?;
-    let frames = t.text("frames")?.map(str::to_string);
+    let frames = t.path_inside("frames")?.map(str::to_string);
     let mut bench = bench.clone();
     if let Some(o) = t.table("bench")? {
         apply_bench(&mut bench, &o, warnings)?;

@@ -324,6 +324,48 @@ impl<'a> Reader<'a> {
     }
 }
 
+/// Lines of a text by rising positions. The CSV reader's own count is one too small after `\r\n` and ignores empty lines.
+struct Lines<'a> {
+    text: &'a [u8],
+    at: usize,
+    line: usize,
+}
+
+impl<'a> Lines<'a> {
+    fn of(text: &'a str) -> Self {
+        Self {
+            text: text.as_bytes(),
+            at: 0,
+            line: 1,
+        }
+    }
+
+    /// Line, from 1, of the first row at or after a position.
+    fn at(&mut self, byte: u64) -> usize {
+        let byte = usize::try_from(byte).unwrap_or(usize::MAX);
+        while let Some(next) = self.text.get(self.at) {
+            // Line ends between two rows belong to neither.
+            if self.at >= byte && !matches!(next, b'\r' | b'\n') {
+                break;
+            }
+            self.line += usize::from(*next == b'\n');
+            self.at += 1;
+        }
+        self.line
+    }
+}
+
+/// The CSV reader's reason without its own place, which is wrong in a file with `\r\n`.
+fn reason(error: &csv::Error) -> String {
+    match error.kind() {
+        csv::ErrorKind::UnequalLengths {
+            expected_len, len, ..
+        } => format!("this row has {len} cells, the rows above have {expected_len}"),
+        csv::ErrorKind::Utf8 { .. } => "not UTF-8 text; save the file as UTF-8".to_owned(),
+        _ => error.to_string(),
+    }
+}
+
 impl Recording {
     /// Parses the text of one CSV file of the data set `manifest`.
     ///
@@ -335,13 +377,14 @@ impl Recording {
         manifest: &Manifest,
     ) -> Result<(Self, Vec<Warning>), DatasetError> {
         let mut warnings = Vec::new();
+        let content = text.trim_start_matches('\u{feff}');
         let mut csv = csv::ReaderBuilder::new()
             .has_headers(true)
-            .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
+            .from_reader(content.as_bytes());
         let fail = |e: csv::Error| DatasetError::Csv {
             file: file.into(),
-            line: e.position().map_or(1, |p| p.line() as usize),
-            reason: e.to_string(),
+            line: e.position().map_or(1, |p| Lines::of(content).at(p.byte())),
+            reason: reason(&e),
         };
         let headers = csv
             .headers()
@@ -353,8 +396,9 @@ impl Recording {
         let mut columns: Vec<Vec<f64>> = vec![Vec::new(); reader.targets.len()];
         let mut lines: Vec<usize> = Vec::new();
         let mut record = csv::StringRecord::new();
+        let mut line_of = Lines::of(content);
         while csv.read_record(&mut record).map_err(fail)? {
-            let line = record.position().map_or(0, |p| p.line() as usize);
+            let line = record.position().map_or(0, |p| line_of.at(p.byte()));
             lines.push(line);
             for (k, column) in columns.iter_mut().enumerate() {
                 if !matches!(reader.targets[k], Target::Skip) {
