@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ColorChoice, Parser};
+use clap::{Args, ColorChoice, CommandFactory, Parser};
 
 use crate::cmd::Command;
+use crate::output::{Level, Output};
 
 /// The whole command line.
 #[derive(Debug, Parser)]
@@ -58,6 +59,25 @@ pub struct Global {
     /// Do not ask, answer yes
     #[arg(long, global = true)]
     pub yes: bool,
+}
+
+/// The whole command line with the examples at the end of every help.
+#[must_use]
+pub fn command() -> clap::Command {
+    crate::examples::add(Cli::command())
+}
+
+impl Global {
+    /// Where and how to print.
+    #[must_use]
+    pub fn output(&self) -> Output {
+        let level = match (self.quiet, self.verbose) {
+            (true, _) => Level::Quiet,
+            (_, true) => Level::Verbose,
+            _ => Level::Normal,
+        };
+        Output::new(level, self.json, self.color)
+    }
 }
 
 /// Reads `30s`, `500ms`, `2min`, `1h` or a plain number of seconds.

@@ -12,6 +12,7 @@ use protocol::link::{
 
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
+use crate::interrupt;
 use crate::link::{LinkError, PortUri, Robot, Stopped, telemetry, text};
 use crate::recording::timing::{is_first_of_cycle, start_us};
 use crate::recording::{EventRow, Recorder, RunEndRow, RunStart};
@@ -97,6 +98,7 @@ pub fn run(
     number: u32,
     order: &Order,
 ) -> Outcome<RunReport> {
+    let _grace = interrupt::grace("stopping the robot");
     let bar = context
         .out
         .progress(order.duration.as_secs(), &format!("run {}", number + 1));
@@ -127,7 +129,8 @@ impl Run<'_> {
     fn go(&mut self) -> Outcome<RunReport> {
         self.start()?;
         let mut interrupted = false;
-        let end = match self.follow() {
+        let followed = self.note_start().map_err(Stop::from);
+        let end = match followed.and_then(|()| self.follow()) {
             Ok(end) => end,
             Err(Stop::Interrupted) => {
                 interrupted = true;
@@ -172,6 +175,12 @@ impl Run<'_> {
                 tag,
             },
         })?;
+        Ok(())
+    }
+
+    /// The robot has accepted the run: the recording begins.
+    fn note_start(&mut self) -> Outcome {
+        let order = self.order;
         let start = RunStart {
             run: self.run,
             gait: order.gait.name().to_owned(),

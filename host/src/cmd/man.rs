@@ -2,11 +2,10 @@
 
 use std::path::PathBuf;
 
-use clap::CommandFactory;
-
-use crate::cli::Cli;
+use crate::cli;
 use crate::context::Context;
-use crate::failure::Outcome;
+use crate::disk;
+use crate::failure::{Exit, Failure, Outcome};
 
 /// Write manual pages
 #[derive(Debug, clap::Args)]
@@ -23,8 +22,11 @@ pub struct Args {
 pub fn run(args: &Args, context: &Context) -> Outcome {
     match &args.output {
         Some(folder) => {
-            std::fs::create_dir_all(folder)?;
-            clap_mangen::generate_to(Cli::command(), folder)?;
+            disk::make_folder(folder)?;
+            clap_mangen::generate_to(cli::command(), folder).map_err(|error| {
+                let message = format!("cannot write into {}: {error}", folder.display());
+                Failure::say(Exit::Other, message)
+            })?;
             context
                 .out
                 .say(format_args!("manual pages in {}", folder.display()));
@@ -32,8 +34,9 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         }
         None => {
             let mut page = Vec::new();
-            clap_mangen::Man::new(Cli::command()).render(&mut page)?;
-            super::print_bytes(&page)
+            clap_mangen::Man::new(cli::command()).render(&mut page)?;
+            context.out.document(&String::from_utf8_lossy(&page));
+            Ok(())
         }
     }
 }

@@ -48,6 +48,7 @@ pub struct Robot {
     hello: Hello,
     inbox: VecDeque<FromModule>,
     heed_interrupt: bool,
+    _grace: interrupt::Guard,
 }
 
 impl core::fmt::Debug for Robot {
@@ -115,6 +116,7 @@ impl Robot {
             hello: nothing,
             inbox: VecDeque::new(),
             heed_interrupt: true,
+            _grace: interrupt::grace("stopping"),
         };
         robot.say_hello()?;
         robot.key = keys.load(robot.hello.robot_id);

@@ -111,6 +111,7 @@ fn label_json(l: &bench_cases::Label) -> Value {
 
 /// Runs `work` on every index with a few threads; the first failure is returned.
 pub(super) fn each(count: usize, jobs: usize, work: impl Fn(usize) -> Outcome + Sync) -> Outcome {
+    let _grace = crate::interrupt::grace("stopping after the cases under way");
     let next = AtomicUsize::new(0);
     let worker = || -> Outcome {
         loop {
@@ -370,7 +371,7 @@ fn diagnose(
     let part = out.with_extension("part");
     command
         .arg("--quiet")
-        .args(["gap", "report"])
+        .args(["gap", "report", "--force"])
         .arg(cases.join(format!("case_{index:04}")));
     command
         .arg("--json-file")

@@ -240,7 +240,7 @@ impl Places {
         let withhold = withheld.map(|effect| ["--withhold".to_owned(), effect]);
         let status = Command::new(&program)
             .arg("--quiet")
-            .args(["gap", "report"])
+            .args(["gap", "report", "--force"])
             .arg(self.cases.join(Self::name(index)))
             .args(withhold.into_iter().flatten())
             .arg("--json-file")

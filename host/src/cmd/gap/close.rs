@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
+use std::time::Duration;
 
 use camera::similarity;
 use camera::{Silhouette, Solid, View};
@@ -47,9 +48,9 @@ pub(super) struct Args {
     /// Gaits taken from each search
     #[arg(long, default_value_t = 4)]
     gaits: usize,
-    /// Length of a run, s
-    #[arg(long, default_value_t = 20.0)]
-    duration: f64,
+    /// Length of a run
+    #[arg(short, long, value_name = "TIME", value_parser = crate::cli::parse_duration, default_value = "20s")]
+    duration: Duration,
     /// Seed of searches and robot
     #[arg(long, default_value_t = 1)]
     seed: u64,
@@ -173,6 +174,7 @@ fn search(args: &Args, model: &Model, what: &str, context: &Context) -> Outcome<
         args.seed,
     )
     .map_err(|e| usage(e.into()))?;
+    let _grace = crate::interrupt::grace("stopping");
     let bar = context.out.progress(u64::from(args.iterations), what);
     for _ in 0..args.iterations {
         if crate::interrupt::pressed() {
@@ -209,7 +211,7 @@ fn predicted(args: &Args, model: &Model, gait: &Gait) -> Outcome<Vec<Motion>> {
                 noise_rad: model.value(Key::CpgNoise),
                 seed: args.seed ^ (run << 32),
             },
-            duration_s: args.duration,
+            duration_s: args.duration.as_secs_f64(),
         })
         .collect();
     let options = Options {
@@ -258,8 +260,8 @@ fn compare(
         let (promised, robot) = (predicted(args, model, gait)?, ridden(plan, gait)?);
         for (p, r) in promised.iter().zip(&robot) {
             let row = [
-                p.speed_m_s(args.duration),
-                r.speed_m_s(args.duration),
+                p.speed_m_s(args.duration.as_secs_f64()),
+                r.speed_m_s(args.duration.as_secs_f64()),
                 apart_m(p, r),
                 films.similarity(r, p),
             ];
@@ -291,7 +293,7 @@ fn patched(args: &Args, plan: &Plan, gaits: &[Gait]) -> Outcome<Model> {
     let program = std::env::current_exe().map_err(|e| fail("find", Path::new("rb-host"), e))?;
     let patch = args.output.join("patched.toml");
     let status = Command::new(&program)
-        .args(["--quiet", "gap", "report"])
+        .args(["--quiet", "gap", "report", "--force"])
         .arg(&data)
         .arg("--json-file")
         .arg(args.output.join("verdict.json"))
@@ -326,7 +328,7 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
         name: args.plant.clone(),
         kind: "by name",
         planted: blind_whole::parse(&args.plant, args.seed)?,
-        duration_s: args.duration,
+        duration_s: args.duration.as_secs_f64(),
         seen_by: SeenBy::Tracker,
         without: Vec::new(),
         ..robot_cases::plan(args.seed, 1000)

@@ -161,7 +161,9 @@ fn report(folder: &Path, verdict: &Path, baseline: Option<&Path>, patch: Option<
     let program = std::env::current_exe().map_err(|e| fail("find", Path::new("rb-host"), e))?;
     let part = verdict.with_extension("part");
     let mut command = Command::new(&program);
-    command.args(["--quiet", "gap", "report"]).arg(folder);
+    command
+        .args(["--quiet", "gap", "report", "--force"])
+        .arg(folder);
     command.arg("--json-file").arg(&part);
     if let Some(path) = baseline {
         command.arg("--baseline").arg(path);
