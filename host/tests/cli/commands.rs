@@ -227,7 +227,7 @@ fn service_commands_over_tcp() {
     on(&["download", "-o", "back.toml"]).expect(0);
     rb(&folder, &["gait", "diff", "back.toml", &gait("turn.toml")]).expect(0);
     rb(&folder, &["gait", "diff", "back.toml", &gait("crawl.toml")]).expect(8);
-    on(&["download", "-o", "back.toml"]).expect(1);
+    on(&["download", "-o", "back.toml"]).expect(2);
     on(&["slots", "erase", "3"]).expect(7);
     on(&["slots", "activate", "5"]).expect(7);
     assert!(on(&["slots"]).expect(0).out.contains("* 3  turn"));

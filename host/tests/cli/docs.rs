@@ -31,7 +31,11 @@ fn needs_more(command: &str) -> bool {
 
 #[test]
 fn shown_commands_run() {
-    for page in ["tutorial/first-gait.md", "how-to/record.md", "reference/command-line.md"] {
+    for page in [
+        "tutorial/first-gait.md",
+        "how-to/record.md",
+        "reference/command-line.md",
+    ] {
         let folder = Folder::new("docs");
         std::fs::create_dir(folder.path("gaits")).unwrap();
         for entry in

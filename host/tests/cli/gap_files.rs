@@ -81,11 +81,20 @@ fn strip(folder: &Folder, file: &str, response: impl Fn(&str) -> bool) {
 
 /// Diagnoses `data` into `out.html`, `patch.toml` and the file of the next experiment, and predicts it into `p`.
 fn diagnosed(folder: &Folder, data: &str) -> serde_json::Value {
-    let files = ["-o", "out.html", "--patch", "patch.toml"];
+    let files = ["-o", "out.html", "--patch", "patch.toml", "--force"];
     let report = [&["--json", "gap", "report", data], &files[..]].concat();
     let verdict = rb(folder, &report).expect(0).json();
     browser::assert_readable(&folder.path("out.html"));
-    let predict = ["gap", "predict", data, "--model", "patch.toml", "-o", "p"];
+    let predict = [
+        "gap",
+        "predict",
+        data,
+        "--patch",
+        "patch.toml",
+        "-o",
+        "p",
+        "--force",
+    ];
     rb(folder, &predict).expect(0);
     verdict
 }
