@@ -21,10 +21,10 @@ mod write;
 
 pub use crate::effects::{Effect, EffectInfo, EffectParam, Stage};
 pub use error::ModelError;
-pub use keys::{Key, KeyInfo};
+pub use keys::{Key, KeyInfo, MOTORS, MotorKeys};
 
 /// Joints of the meta-module, for `joint_K`.
-pub const JOINTS: u8 = 6;
+pub const JOINTS: u8 = MOTORS.len() as u8;
 /// Version of the file format.
 pub const FORMAT: i64 = 1;
 

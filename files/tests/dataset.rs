@@ -315,3 +315,27 @@ fn files_of_a_data_set_lie_in_its_folder() {
         }
     }
 }
+
+#[test]
+fn a_stated_supply_takes_the_place_of_the_models() {
+    use files::model::{Key, Model};
+    let of = |stated: &str| {
+        let text = format!(
+            "format = 1\nrobot = \"metamodule\"\n[metamodule]\n{stated}\n[[run]]\nfile = \"a.csv\"\n"
+        );
+        let parsed = Manifest::parse("dataset.toml", &text);
+        parsed.map(|(m, _)| m.stated(&Model::hand_tuned()))
+    };
+    let supply = |model: &Model| {
+        let p = model.parameter(Key::SupplyVoltage);
+        (p.value, p.tolerance)
+    };
+    assert_eq!(of("").unwrap(), Model::hand_tuned());
+    let both = of("supply_v = { value = 7.4, tolerance = 0.05 }").unwrap();
+    assert!((supply(&both).1 - 0.37).abs() < 1e-12 && supply(&both).0 == 7.4);
+    // Without a tolerance the model's relative one counts: 0.15 V of 12 V.
+    let bare = of("supply_v = 7.4").unwrap();
+    assert!((supply(&bare).1 - 7.4 * 0.15 / 12.0).abs() < 1e-12);
+    let refused = of("supply_v = 0").unwrap_err().to_string();
+    assert!(refused.contains("supply_v"), "{refused}");
+}

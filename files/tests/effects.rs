@@ -72,6 +72,37 @@ fn values_lie_in_their_ranges() {
     }
 }
 
+/// Where off is the nominal model's own value, it is the shipped model's.
+#[test]
+fn nominal_values_are_those_of_the_shipped_model() {
+    use files::model::{Key, Model};
+    let model = Model::hand_tuned();
+    for (effect, key) in [
+        (Effect::SupplyVoltage, Key::SupplyVoltage),
+        (Effect::GroundFriction, Key::Friction),
+        (Effect::Restitution, Key::Bounce),
+        (Effect::CameraHeight, Key::CameraHeight),
+    ] {
+        assert_eq!(effect.parameters()[0].neutral, model.value(key), "{key:?}");
+    }
+}
+
+/// Which motor drives which joint stands in the shipped robot too.
+#[test]
+fn motors_of_the_model_are_those_of_the_shipped_robot() {
+    use files::model::{JOINTS, MOTORS};
+    use files::structure::Structure;
+    let text = include_str!("../../robots/metamodule.toml");
+    let robot = Structure::parse("metamodule.toml", text).unwrap();
+    let mut seen = 0;
+    for hinge in robot.bodies.iter().flatten() {
+        let keys = hinge.motor.keys().unwrap();
+        assert_eq!(keys, MOTORS[hinge.joint], "joint {}", hinge.joint);
+        seen += 1;
+    }
+    assert_eq!(seen, usize::from(JOINTS));
+}
+
 #[test]
 fn keys_end_in_their_units() {
     let ends = [

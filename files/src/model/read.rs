@@ -33,7 +33,7 @@ pub(super) fn parse(file: &str, text: &str) -> Result<Model, ModelError> {
                 return Err(reader.unknown(
                     key.span().start,
                     name,
-                    "format, name, environment, mass, intra, inter, camera, robot, simulation, effect",
+                    "format, name, environment, mass, intra, inter, supply, camera, robot, simulation, effect",
                 ));
             }
         }

@@ -21,7 +21,8 @@ use protocol::link::{
 };
 use sha2::Digest as _;
 
-/// Battery below which no run starts and nothing is written to flash, mV: 2 cells at 3.3 V.
+/// Battery below which no run starts and nothing is written to flash, mV: 2 cells at 3.3 V. The board measures one pack of 2 cells, however
+/// the packs are wired; the supply of the motors is `supply.voltage_v` of the robot model, which may be that of two packs.
 pub const ARM_MV: u16 = 6_600;
 /// Battery below which a run stops, mV: 2 cells at 3.1 V under load; the drivers give up at 6.0 V.
 pub const STOP_MV: u16 = 6_200;

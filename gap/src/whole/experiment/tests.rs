@@ -1,10 +1,12 @@
 use super::*;
+use crate::whole::nominal::Motors;
 
 /// A robot that a tracker has seen for the length of a gait.
 fn question(among: Vec<Explanation>) -> Question {
     let data = Data {
         runs: Vec::new(),
         gaits: Vec::new(),
+        motors: Motors::of(&Model::hand_tuned()),
     };
     Question {
         open: Open::Class(among),
@@ -98,6 +100,7 @@ fn a_remainder_gets_its_gait_again_slower_or_for_longer() {
     let data = Arc::new(Data {
         runs: vec![sent_run(&gait)],
         gaits: vec!["paddle".into()],
+        motors: Motors::of(&Model::hand_tuned()),
     });
     for changes in [None, Some(Change::Friction), Some(Change::Zero(3))] {
         let unsteady = changes.is_some();
