@@ -15,6 +15,8 @@ pub trait Arithmetic {
     fn number(value: f64) -> Self::Number;
     /// `if a < b { a } else { b }` in every lane.
     fn least(a: Self::Number, b: Self::Number) -> Self::Number;
+    /// `if a > b { a } else { b }` in every lane.
+    fn most(a: Self::Number, b: Self::Number) -> Self::Number;
 }
 
 /// Double precision, one trial.
@@ -30,6 +32,10 @@ impl Arithmetic for Scalar {
     #[inline(always)]
     fn least(a: f64, b: f64) -> f64 {
         if a < b { a } else { b }
+    }
+    #[inline(always)]
+    fn most(a: f64, b: f64) -> f64 {
+        if a > b { a } else { b }
     }
 }
 
@@ -56,6 +62,13 @@ pub fn stribeck<A: Arithmetic>(static_nm: A::Number, ratio: A::Number) -> A::Num
     static_nm * decay::<A>(ratio * ratio)
 }
 
+/// `deadband`: the error that a controller acts on, `e` less what of it lies within `half_width` of zero. Continuous at the edge.
+#[inline(always)]
+pub fn dead_zone<A: Arithmetic>(error: A::Number, half_width: A::Number) -> A::Number {
+    let low = A::number(0.0) - half_width;
+    error - A::least(A::most(error, low), half_width)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -71,6 +84,21 @@ mod tests {
             assert!((double - exact).abs() < 1e-6, "{ratio}: {double} {exact}");
             let single = f64::from(single);
             assert!((single - exact).abs() < 2e-6, "{ratio}: {single} {exact}");
+        }
+    }
+
+    #[test]
+    fn small_errors_count_as_none_and_large_ones_less() {
+        for (error, left) in [
+            (0.0, 0.0),
+            (0.1, 0.0),
+            (-0.25, 0.0),
+            (0.75, 0.5),
+            (-1.0, -0.75),
+        ] {
+            assert_eq!(dead_zone::<Scalar>(error, 0.25), left, "{error}");
+            assert_eq!(dead_zone::<Lanes<f32>>(error as f32, 0.25), left as f32);
+            assert_eq!(dead_zone::<Scalar>(error, 0.0), error, "off");
         }
     }
 

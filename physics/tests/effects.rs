@@ -2,7 +2,7 @@
 // Helpers outside `#[test]` functions may fail a test by panicking too.
 #![allow(clippy::unwrap_used)]
 
-use files::model::{Effect, Model, Stage};
+use files::model::{Effect, Key, Model, Stage};
 use peers::random_gait;
 use physics::{
     Body, Drive, GRAVITY_M_S2, JointDrive, Level, Options, Outcome, Params, Pose, Robot, Start,
@@ -275,6 +275,27 @@ fn sticking_friction_goes_by_the_speed_of_the_joint() {
     // Far above the width nothing brakes; were it to go by the speed that is asked for, the joint would stop.
     let (v, _) = coast(Effect::StribeckFriction, &[0.2, 0.1], 0.2);
     assert!((v - 1.0).abs() < 0.02, "{v}");
+}
+
+#[test]
+fn a_servo_with_a_dead_zone_comes_to_its_edge_like_one_without_to_its_set_point() {
+    let gain_per_s = Model::hand_tuned().value(Key::InterGain);
+    let mut model = Model::hand_tuned();
+    model.set(Key::Cfm, 0.0).unwrap();
+    model
+        .set_effect(Effect::Deadband, Some(1), &[0.04])
+        .unwrap();
+    let mut body = weightless(&model, 0.001);
+    let held = JointDrive::Servo { set_point_rad: 0.0 };
+    let mut drives = [held; 6];
+    drives[1] = JointDrive::Servo { set_point_rad: 0.1 };
+    let steps = (1000.0 / gain_per_s).round() as u32;
+    for _ in 0..steps {
+        body.step(&drives);
+    }
+    let reached = body.encoders_rad().nth(1).unwrap();
+    let exact = 0.06 * (1.0 - libm::exp(-gain_per_s * f64::from(steps) * 0.001));
+    assert!((reached - exact).abs() < 1e-3, "{reached} {exact}");
 }
 
 #[test]

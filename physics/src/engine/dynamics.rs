@@ -226,7 +226,7 @@ pub(super) fn servo<L: Lane>(
         let j = &p.joint[b];
         let mut error = command.set_point[b] - s.encoder[b];
         if switches.deadband {
-            error = zero.or_else(error.abs().lt(j.deadband), error);
+            error = laws::dead_zone::<Lanes<L>>(error, j.deadband);
         }
         let servo = (j.gain * error).clamp(-j.max_speed, j.max_speed);
         // CFM of the motor row, with the torque of the step before: J v = wanted - CFM * force (ODE manual).

@@ -94,6 +94,10 @@ impl<L: Lane> Arithmetic for Lanes<L> {
     fn least(a: L, b: L) -> L {
         a.min(b)
     }
+    #[inline(always)]
+    fn most(a: L, b: L) -> L {
+        a.max(b)
+    }
 }
 
 /// Sine and cosine in single precision: reduction by multiples of π/2 in three parts (Cody and Waite, parts of Cephes `sinf.c`), then the

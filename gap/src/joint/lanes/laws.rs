@@ -54,8 +54,7 @@ pub(super) fn control<F: Lane>(
     if !tick {
         return s.held;
     }
-    let mut e = sp - q;
-    e -= e.clamp(-m.band, m.band);
+    let e = laws::dead_zone::<Lanes<F>>(sp - q, m.band);
     if run.nominal.ki != 0.0 {
         let bound = F::splat(run.nominal.limit / run.nominal.ki.abs());
         let slow = m.ticks_per_step.map(|_| F::splat(run.nominal.period_s));

@@ -98,6 +98,10 @@ impl<F: Lane> Arithmetic for Lanes<F> {
     fn least(a: F, b: F) -> F {
         a.min(b)
     }
+    #[inline(always)]
+    fn most(a: F, b: F) -> F {
+        a.max(b)
+    }
 }
 
 /// What every processor has: registers as the compiler's baseline allows.
