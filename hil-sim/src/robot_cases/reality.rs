@@ -12,7 +12,7 @@ use crate::motor::JointKind;
 use crate::rng::Rng;
 use crate::supply::SupplyParams;
 
-/// Relative 1-sigma tolerances of what stands in no model file: motor constant, resistance, supply.
+/// Relative 1-sigma tolerances with which motor constant, resistance and supply are drawn; at most those of the shipped model.
 const MOTOR_TOLERANCE: [f64; 3] = [0.03, 0.03, 0.01];
 
 /// Tolerances of the case's model file: a robot whose makers measured it. The shipped ones are those of a first guess.
