@@ -73,7 +73,23 @@ fn with_figure(page: &str, title: &str, command: &str, body: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::with_figure;
+    use super::{PAGE, TABLES, with_figure};
+
+    #[test]
+    fn every_figure_of_the_page_has_its_command() {
+        let page = std::fs::read_to_string(crate::sh::root().join(PAGE)).unwrap();
+        for mark in page.split("<!-- begin: ").skip(1) {
+            let title = mark.split(" -->").next().unwrap();
+            let command = TABLES.iter().find(|(known, _)| *known == title);
+            let command = command
+                .unwrap_or_else(|| panic!("no command prints `{title}`"))
+                .1;
+            assert!(
+                page.contains(&format!("## {title}\n\n    cargo {command}\n")),
+                "{title}"
+            );
+        }
+    }
 
     #[test]
     fn a_figure_takes_the_place_of_the_older_one() {
