@@ -24,8 +24,8 @@ pub const LINKS: usize = 2;
 pub const BUS_BYTE_US: u64 = 10;
 /// Bytes taken from a link at once: bounds what one poll decodes (64 bytes at 115200 baud take 5.6 ms to arrive).
 const RX_CHUNK: usize = 64;
-/// Turns of one exchange: a turn that is not the last brings a byte or an error, a byte takes 10 us, and the longest wait (a slice of a raw packet's
-/// listening, 30 ms, and the longest packet both ways, 6 ms) is 36 ms.
+/// Turns of one exchange: a turn that is not the last brings a byte or an error, and a byte takes 10 us. The longest wait is 36 ms: a slice
+/// of a raw packet's listening, 30 ms, and the longest packet both ways, 6 ms.
 const MAX_TURNS: u32 = 4_000;
 /// Largest bus packet either way: sync read reply of one driver, sync write of six, or a raw packet of the host.
 pub(crate) const BUS_BUFFER: usize = 320;
