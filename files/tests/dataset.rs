@@ -339,3 +339,37 @@ fn a_stated_supply_takes_the_place_of_the_models() {
     let refused = of("supply_v = 0").unwrap_err().to_string();
     assert!(refused.contains("supply_v"), "{refused}");
 }
+
+#[test]
+fn rows_written_twice_and_joints_left_out_are_told() {
+    let warned = |manifest: &Manifest, csv: &str| -> Vec<String> {
+        let (_, warnings) = Recording::parse("a.csv", csv, manifest).unwrap();
+        warnings.iter().map(ToString::to_string).collect()
+    };
+    let bench = manifest("");
+    let twice = "t_s,setpoint_rad,position_rad\n0,0,0\n0.1,,0.1\n0.1,,0.2\n0.2,0,0.3\n";
+    let said = warned(&bench, twice);
+    assert!(
+        said[0].starts_with("a.csv:4: column `t_s`: 0.1 stands in two rows"),
+        "{said:?}"
+    );
+    // A set-point and a position of one instant may stand in rows of their own.
+    let apart = "t_s,setpoint_rad,position_rad\n0,0,0\n0.1,0.1,\n0.1,,0.2\n0.2,0,0.3\n";
+    assert!(warned(&bench, apart).is_empty());
+    let text = "format = 1\nrobot = \"metamodule\"\n[[run]]\nfile = \"a.csv\"\n";
+    let robot = Manifest::parse("dataset.toml", text).unwrap().0;
+    let header = |names: &[usize]| -> String {
+        let of = |signal: &str, k: usize| format!(",{signal}_{k}");
+        let setpoints: String = (0..6).map(|k| of("setpoint_rad", k)).collect();
+        let positions: String = names.iter().map(|k| of("position_rad", *k)).collect();
+        let cells = |t: f64| format!("{t}{}\n", format!(",{t}").repeat(6 + names.len()));
+        format!("t_s{setpoints}{positions}\n{}{}", cells(0.0), cells(0.1))
+    };
+    assert!(warned(&robot, &header(&[0, 1, 2, 3, 4, 5])).is_empty());
+    let said = warned(&robot, &header(&[0, 1, 3, 4, 5]));
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(
+        said[0].starts_with("a.csv:1: column `position_rad_2` is missing"),
+        "{said:?}"
+    );
+}

@@ -253,6 +253,7 @@ impl<'a> Reader<'a> {
             headers,
             targets,
         };
+        reader.joints_without(manifest, warnings);
         reader.require(
             |t| matches!(t, Target::Time),
             "t_s",
@@ -269,6 +270,28 @@ impl<'a> Reader<'a> {
         let hint = "every run needs its command; name its column under [signals]";
         reader.require(is_setpoint, column, hint)?;
         Ok(reader)
+    }
+
+    /// Warns of joints that lack a column that another joint has.
+    fn joints_without(&self, manifest: &Manifest, warnings: &mut Vec<Warning>) {
+        let has = |k: usize, s: Signal| {
+            let is = |t: &Target| matches!(t, Target::Joint(j, of) if *j == k && *of == s);
+            self.targets.iter().any(is)
+        };
+        for signal in Signal::ALL {
+            let (with, without): (Vec<usize>, Vec<usize>) =
+                (0..manifest.joints()).partition(|k| has(*k, signal));
+            if with.is_empty() {
+                continue;
+            }
+            for joint in without {
+                let name = header_name(signal, manifest.bench.motion);
+                warnings.push(Warning::JointWithout {
+                    file: self.file.into(),
+                    column: format!("{name}_{joint}"),
+                });
+            }
+        }
     }
 
     fn require(
@@ -436,6 +459,14 @@ impl Recording {
                 });
             }
         }
+        if let Some((row, column)) = self.twice(reader) {
+            warnings.push(Warning::SameTime {
+                file: file.into(),
+                line: lines[row],
+                column,
+                t_s: t[row],
+            });
+        }
         let step_s = self.step_s();
         // Ten usual steps without a row: the recording stopped, or the bus did.
         let hole = t
@@ -467,6 +498,22 @@ impl Recording {
             }
         }
         Ok(())
+    }
+
+    /// The first row with the time of the row before and a value in a column in which that one has a value too.
+    fn twice(&self, reader: &Reader<'_>) -> Option<(usize, String)> {
+        let same = |i: &usize| self.t_s[*i] == self.t_s[*i - 1];
+        (1..self.t_s.len()).filter(same).find_map(|i| {
+            let mut columns = reader.headers.iter().zip(&reader.targets);
+            columns.find_map(|(header, target)| {
+                let Target::Joint(k, s) = target else {
+                    return None;
+                };
+                let values = self.joints[*k].get(*s)?;
+                let both = !values[i].is_nan() && !values[i - 1].is_nan();
+                both.then(|| (i, header.clone()))
+            })
+        })
     }
 
     /// Number of rows, at least 2.
