@@ -122,12 +122,6 @@ impl From<anyhow::Error> for Failure {
     }
 }
 
-impl From<std::io::Error> for Failure {
-    fn from(error: std::io::Error) -> Self {
-        Self::new(Exit::Other, error)
-    }
-}
-
 impl From<files::gait::GaitFileError> for Failure {
     fn from(error: files::gait::GaitFileError) -> Self {
         Self::new(Exit::BadFile, error)

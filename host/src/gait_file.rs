@@ -94,7 +94,8 @@ fn from_json(name: &str, text: &str) -> Outcome<Gait> {
     let toml =
         toml::to_string(&value).map_err(|e| Failure::say(Exit::BadFile, format!("{name}: {e}")))?;
     // Lines of the TOML are not those of the file; the key says where.
-    Ok(files::gait::parse(name, &toml)?)
+    let name = format!("{name} (JSON, read as TOML)");
+    Ok(files::gait::parse(&name, &toml)?)
 }
 
 /// What the host check found out about an acceptable gait.

@@ -165,7 +165,8 @@ fn set_key(context: &Context) -> Outcome {
             &format!("robot {id} has a key already; replace it?"),
         )?;
     }
-    let key = keys::new_key()?;
+    let key = keys::new_key()
+        .map_err(|error| Failure::say(Exit::Other, format!("cannot make a key: {error}")))?;
     // The file is written first: a key that only the robot knows would lock everyone out of its radio.
     let path = context
         .keys()

@@ -44,7 +44,9 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         }
         None => {
             let mut page = Vec::new();
-            clap_mangen::Man::new(cli::command()).render(&mut page)?;
+            clap_mangen::Man::new(cli::command())
+                .render(&mut page)
+                .map_err(anyhow::Error::from)?;
             context.out.document(&String::from_utf8_lossy(&page));
             Ok(())
         }

@@ -108,7 +108,9 @@ pub(crate) fn confirm(context: &Context, question: &str) -> Outcome {
     context.out.ask(&format!("{question} [y/N]"));
     let _guard = interrupt::at_once("not confirmed, nothing was changed");
     let mut answer = String::new();
-    std::io::stdin().read_line(&mut answer)?;
+    std::io::stdin()
+        .read_line(&mut answer)
+        .map_err(|error| Failure::say(Exit::Other, format!("cannot read the answer: {error}")))?;
     if matches!(answer.trim(), "y" | "Y" | "yes") {
         return Ok(());
     }

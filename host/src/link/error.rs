@@ -111,6 +111,15 @@ impl LinkError {
         )
     }
 
+    /// What a port that was open before tells when it does not open again.
+    #[must_use]
+    pub(crate) fn gone(self) -> Self {
+        match self {
+            Self::Open { port, source } => Self::Closed { port, source },
+            other => other,
+        }
+    }
+
     /// A version mismatch with ours.
     #[must_use]
     pub fn version(theirs: u8) -> Self {
@@ -187,5 +196,20 @@ impl From<LinkError> for Failure {
             Some(hint) => failure.hint(hint),
             None => failure,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_port_that_does_not_open_again_is_a_lost_link() {
+        let refused = || LinkError::Open {
+            port: "tcp://127.0.0.1:1".to_owned(),
+            source: io::ErrorKind::ConnectionRefused.into(),
+        };
+        assert_eq!(Failure::from(refused()).exit(), Exit::Port);
+        assert_eq!(Failure::from(refused().gone()).exit(), Exit::Link);
     }
 }

@@ -48,11 +48,15 @@ impl KeyStore {
                 "no folder for keys: set HOME or key_file",
             )
         })?;
-        if let Some(folder) = path.parent() {
-            std::fs::create_dir_all(folder)?;
+        let folder = path.parent().map_or(Ok(()), std::fs::create_dir_all);
+        let written = folder.and_then(|()| write_private(&path, &format_key(key)));
+        match written {
+            Ok(()) => Ok(path),
+            Err(error) => {
+                let message = format!("cannot write {}: {error}", path.display());
+                Err(io::Error::new(error.kind(), message))
+            }
         }
-        write_private(&path, &format_key(key))?;
-        Ok(path)
     }
 }
 

@@ -215,7 +215,8 @@ impl Robot {
                     self.check_interrupt()?;
                     std::thread::sleep(Duration::from_millis(200));
                 }
-                other => return other,
+                // The port was open before: that it does not open again is a matter of the link.
+                other => return other.map_err(LinkError::gone),
             }
         }
     }

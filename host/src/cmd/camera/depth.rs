@@ -140,7 +140,8 @@ fn sources(folder: &Path, rate_hz: f64) -> Outcome<Vec<Source>> {
             .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
         let mut paths = entries
             .map(|entry| entry.map(|entry| entry.path()))
-            .collect::<Result<Vec<PathBuf>, _>>()?;
+            .collect::<Result<Vec<PathBuf>, _>>()
+            .map_err(|e| disk::bad_file(folder, &e))?;
         paths.retain(|path| path.extension().is_some_and(|e| e == "pgm" || e == "png"));
         paths.sort();
         let source = |(k, path)| Source {
