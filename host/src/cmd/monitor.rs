@@ -44,6 +44,12 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     };
     robot.order(&ToModule::Subscribe { rate })?;
     let table = std::io::stdout().is_terminal() && !args.plain && !context.out.json;
+    if !table {
+        let names = JOINT_NAMES.join(", ");
+        context.out.say(format_args!(
+            "time, then set-point/position in deg of {names}"
+        ));
+    }
     let until = args.duration.map(|d| robot.link().now() + d);
     let mut view = View {
         table,

@@ -340,6 +340,12 @@ fn check_folder(context: &Context, path: &Path) -> usize {
 
 fn cat(context: &Context, path: &Path, only: Option<u32>, events: bool) -> Outcome {
     let recording = load(context, path)?;
+    if !events {
+        let names = control::robot::JOINT_NAMES.join(", ");
+        context.out.say(format_args!(
+            "device time, cycle, then set-point/position in rad of {names}"
+        ));
+    }
     for run in recording
         .runs
         .iter()
