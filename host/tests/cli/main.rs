@@ -28,3 +28,4 @@ mod recordings;
 mod rig;
 mod search;
 mod tether;
+mod untrusted;
