@@ -246,3 +246,67 @@ async fn send<T: LinkTx>(link: usize, mut tx: T, shared: &Shared<&mut App>, wake
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ports::PortError;
+    use control::motion::MotionParams;
+    use core::cell::Cell;
+
+    /// A bus that always has something to read, and counts how often it was asked.
+    struct Babble {
+        gives: Result<usize, PortError>,
+        reads: u32,
+    }
+
+    impl BusPort for Babble {
+        async fn write_all(&mut self, _bytes: &[u8]) -> Result<(), PortError> {
+            Ok(())
+        }
+        async fn read(&mut self, into: &mut [u8]) -> Result<usize, PortError> {
+            into.fill(0x55);
+            self.reads += 1;
+            self.gives
+        }
+        fn discard_input(&mut self) {}
+    }
+
+    /// Goes on by `step_us` each time it is read: a processor that takes time.
+    struct Slow {
+        now_us: Cell<u64>,
+        step_us: u64,
+    }
+
+    impl Clock for Slow {
+        fn now_us(&self) -> u64 {
+            self.now_us.set(self.now_us.get() + self.step_us);
+            self.now_us.get()
+        }
+        async fn sleep_until_us(&self, at_us: u64) {
+            if self.now_us.get() < at_us {
+                core::future::pending::<()>().await;
+            }
+        }
+    }
+
+    #[test]
+    fn a_line_that_never_falls_silent_does_not_hold_the_cycle() {
+        for gives in [Ok(1), Ok(RX_CHUNK), Err(PortError::Noise)] {
+            // Byte times as they are, and a clock that stands still.
+            for (step_us, most) in [(BUS_BYTE_US, 300), (0, MAX_TURNS)] {
+                let mut app = App::new(MotionParams::default());
+                let shared = Shared::new(&mut app);
+                let clock = Slow {
+                    now_us: Cell::new(1_000),
+                    step_us,
+                };
+                let mut bus = Babble { gives, reads: 0 };
+                let packet = [0xFF; 14];
+                embassy_futures::block_on(exchange(&shared, &clock, &mut bus, &packet, 180, 600));
+                assert!(bus.reads <= most, "{gives:?}: {} readings", bus.reads);
+                assert!(clock.now_us.get() <= 1_000 + 14 * 10 + 180 * 10 + 600 + 4 * step_us);
+            }
+        }
+    }
+}

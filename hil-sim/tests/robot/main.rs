@@ -1,5 +1,6 @@
 //! The firmware's own tasks, natively, on a virtual clock: behaviour of the whole module seen from its wires.
 
+mod change;
 mod common;
 mod faults;
 mod lease;

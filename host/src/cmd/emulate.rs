@@ -231,12 +231,18 @@ fn robot(
         virtual_s,
         behind_s,
         resets,
+        lost_bytes,
         clients,
     }) = last
     {
         context.out.say(format_args!(
             "{virtual_s:.1} s served to {clients} clients, {behind_s:.1} s left out, {resets} resets"
         ));
+        if lost_bytes > 0 {
+            context.out.say(format_args!(
+                "{lost_bytes} bytes of clients lost: they came faster than the line of the robot carries them"
+            ));
+        }
     }
     Ok(())
 }
