@@ -202,7 +202,7 @@ fn parses(folder: &Folder, line: &str) {
     assert_eq!(done.code, 0, "{line}: {}", done.err);
 }
 
-fn follow(page: &Path) {
+fn follow(page: &Path) -> Folder {
     let folder = workspace();
     let name = page.display();
     for block in blocks(page) {
@@ -239,16 +239,23 @@ fn follow(page: &Path) {
             _ => {}
         }
     }
+    folder
 }
 
 #[test]
 fn the_tutorials_can_be_followed_word_by_word() {
-    pages("tutorial").iter().for_each(|page| follow(page));
+    let pages = pages("tutorial");
+    let folders: Vec<Folder> = pages.iter().map(|page| follow(page)).collect();
+    // What the second tutorial says of its example.
+    let named = folders
+        .iter()
+        .find_map(|folder| std::fs::read_to_string(folder.path("servo.toml")).ok());
+    assert!(named.unwrap().contains("coulomb_friction"));
 }
 
 #[test]
 fn commands_of_the_how_to_pages_run() {
-    pages("how-to").iter().for_each(|page| follow(page));
+    pages("how-to").iter().for_each(|page| drop(follow(page)));
 }
 
 #[test]
@@ -256,7 +263,7 @@ fn commands_of_the_other_pages_run() {
     let others = ["reference", "explanation"]
         .iter()
         .flat_map(|folder| pages(folder));
-    others.for_each(|page| follow(&page));
+    others.for_each(|page| drop(follow(&page)));
     follow(&root().join("README.md"));
 }
 
