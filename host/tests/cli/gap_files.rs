@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::bench::Joint;
 use crate::browser;
-use crate::rig::{Folder, rb};
+use crate::rig::{Folder, rb, trials};
 
 /// A CSV file by columns; empty cells are NaN.
 struct Columns {
@@ -155,8 +155,8 @@ fn a_joint_gets_a_page_a_motion_and_predictions_that_hold_the_error() {
 fn a_robot_gets_a_page_a_gait_and_predictions() {
     let folder = Folder::new("files_robot");
     let cause = "torque_limit@2:0.8";
-    let made = ["gap", "blind", "--make-case", cause, "--gaits", "3"];
-    rb(&folder, &[&made[..], &["-o", "case"]].concat()).expect(0);
+    let made = ["make-case", cause, "--gaits", "3", "-o", "./case"];
+    trials(&folder, &made).expect("a case");
     let manifest = fs::read_to_string(folder.path("case/dataset.toml")).unwrap();
     let runs: Vec<&str> = manifest
         .lines()

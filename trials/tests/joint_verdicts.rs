@@ -1,14 +1,14 @@
 //! A few fixed cases of the blind check of one joint: emulated motor, driver and bench on one side, diagnosis on the other.
-//! The full suite is `rb-host gap blind`; this one keeps what it found from being lost. Seed and numbers are those of
+//! The full suite is `rb-trials joints`; this one keeps what it found from being lost. Seed and numbers are those of
 //! development, so this is no blind result.
 
 use files::dataset::{Manifest, Recording};
 use gap::verdict::{Verdict, Word};
-use hil_sim::bench_cases;
+use trials::joint;
 
 const SEED: u64 = 100;
 
-fn diagnose(case: &bench_cases::Case) -> Verdict {
+fn diagnose(case: &joint::Case) -> Verdict {
     let text = |name: &str| {
         let file = case.files.iter().find(|f| f.0 == name);
         file.expect("the case has the file").1.as_str()
@@ -29,13 +29,13 @@ fn diagnose(case: &bench_cases::Case) -> Verdict {
 
 fn of_kind(kind: &str) -> impl Iterator<Item = usize> {
     let kind = kind.to_string();
-    (0..200).filter(move |i| bench_cases::plan(SEED, *i).kind == kind)
+    (0..200).filter(move |i| joint::plan(SEED, *i).kind == kind)
 }
 
 #[test]
 fn cases_without_an_effect_raise_no_alarm() {
     for index in of_kind("null").take(4) {
-        let case = bench_cases::case(SEED, index);
+        let case = joint::case(SEED, index);
         let verdict = diagnose(&case);
         assert_eq!(
             verdict.verdict,
@@ -52,14 +52,14 @@ fn cases_without_an_effect_raise_no_alarm() {
 fn visible_single_effects_are_named_first() {
     let mut tried = 0;
     for index in of_kind("single") {
-        let case = bench_cases::case(SEED, index);
+        let case = joint::case(SEED, index);
         let label = &case.label;
-        // What an oracle could gain, in floors; smaller ones may hide.
-        if label.floors[0] < 5.0 {
+        // Smaller ones may hide.
+        if label.causes[0].delta_chi2_refitted < 2500.0 {
             continue;
         }
         let verdict = diagnose(&case);
-        let planted = label.planted[0].effect;
+        let planted = label.causes[0].effect.as_str();
         let named = verdict.effects.first().map(|e| e.effect.name());
         let class = |a: &gap::verdict::Ambiguous| a.effects.iter().any(|e| e.name() == planted);
         assert!(

@@ -1,4 +1,4 @@
-//! `rb-host gap graft`: exact faults of the measurement layer put onto real recordings, and whether the diagnosis finds them.
+//! `rb-trials graft`: exact faults of the measurement layer put onto real recordings, and whether the diagnosis finds them.
 //!
 //! A real recording has a gap of its own. So the motions of a data set are split in two: the diagnosis of the first half (`gap report --patch`)
 //! is the baseline; the second half gets the graft and is diagnosed on top of that baseline (`gap report --baseline`), in a process that is
@@ -8,17 +8,15 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 
+use anyhow::{Context, Result, bail};
 use files::dataset::{Manifest, Recording};
 use hil_sim::rng::Rng;
-use serde_json::{Value, json};
+use serde_json::Value;
 
-use super::blind::{each, fail, write};
-use super::grafts::{self, Graft};
-use super::{input, score};
-use crate::context::Context;
-use crate::failure::{Exit, Failure, Outcome};
+use super::{each, host, write};
+use crate::graft::{self as grafts, Graft};
+use crate::score::Figure;
 
 /// Options of `gap graft`.
 #[derive(Debug, clap::Args)]
@@ -44,6 +42,9 @@ pub(super) struct Args {
     /// Processes at once; 0 = one per core
     #[arg(long, default_value_t = 0)]
     jobs: usize,
+    /// The program that diagnoses; absent = rb-host beside this one
+    #[arg(long, value_name = "FILE")]
+    host: Option<PathBuf>,
 }
 
 /// A data set with the text blocks of its manifest.
@@ -56,16 +57,21 @@ struct Source {
     gaits: Vec<String>,
 }
 
-fn source(folder: &Path, context: &Context) -> Outcome<Source> {
-    let input = input::read(folder, context)?;
-    if input.manifest.joints() != 1 {
-        return Err(Failure::say(
-            Exit::BadFile,
-            format!("{}: grafts want recordings of one joint", folder.display()),
-        ));
-    }
+fn source(folder: &Path) -> Result<Source> {
     let path = folder.join("dataset.toml");
-    let text = fs::read_to_string(&path).map_err(|e| fail("read", &path, e))?;
+    let text =
+        fs::read_to_string(&path).with_context(|| format!("cannot read {}", path.display()))?;
+    let (manifest, _) = Manifest::parse(&path.display().to_string(), &text)?;
+    if manifest.joints() != 1 {
+        bail!("{}: grafts want recordings of one joint", folder.display());
+    }
+    let recording = |run: &files::dataset::Run| {
+        let csv = folder.join(&run.file);
+        let rows =
+            fs::read_to_string(&csv).with_context(|| format!("cannot read {}", csv.display()))?;
+        Ok(Recording::parse(&run.file, &rows, &manifest)?.0)
+    };
+    let recordings = manifest.runs.iter().map(recording).collect::<Result<_>>()?;
     let mut parts = text.split("[[run]]");
     let head = parts.next().unwrap_or_default().to_owned();
     let without_role = |block: &str| {
@@ -74,23 +80,20 @@ fn source(folder: &Path, context: &Context) -> Outcome<Source> {
             .filter(|l| !l.trim_start().starts_with("role"));
         kept.collect::<Vec<_>>().join("\n")
     };
-    let mut gaits: Vec<String> = input.manifest.runs.iter().map(|r| r.gait.clone()).collect();
+    let mut gaits: Vec<String> = manifest.runs.iter().map(|r| r.gait.clone()).collect();
     gaits.sort();
     gaits.dedup();
     if gaits.len() < 4 {
-        return Err(Failure::say(
-            Exit::BadFile,
-            format!(
-                "{}: fewer than four motions cannot be split",
-                folder.display()
-            ),
-        ));
+        bail!(
+            "{}: fewer than four motions cannot be split",
+            folder.display()
+        );
     }
     Ok(Source {
         head,
         blocks: parts.map(without_role).collect(),
-        manifest: input.manifest,
-        recordings: input.recordings,
+        manifest,
+        recordings,
         gaits,
     })
 }
@@ -115,8 +118,7 @@ impl Half<'_> {
     }
 
     /// Writes the half with a graft into `folder`.
-    fn write(&self, folder: &Path, graft: Graft, seed: u64) -> Outcome {
-        fs::create_dir_all(folder).map_err(|e| fail("make", folder, e))?;
+    fn write(&self, folder: &Path, graft: Graft, seed: u64) -> Result<()> {
         let mut text = self.source.head.clone();
         let runs = self.source.manifest.runs.iter();
         for ((run, block), recording) in runs.zip(&self.source.blocks).zip(&self.source.recordings)
@@ -153,40 +155,17 @@ fn halves(source: &Source, split: u64, longest_s: f64) -> [Half<'_>; 2] {
     })
 }
 
-/// Runs `gap report` on `folder` in a process of its own; the files it writes come into being complete or not at all.
-fn report(folder: &Path, verdict: &Path, baseline: Option<&Path>, patch: Option<&Path>) -> Outcome {
-    if verdict.exists() {
+/// Diagnoses `folder` on top of a baseline, or makes one.
+fn report(host: &Path, folder: &Path, verdict: &Path, more: Option<(&str, PathBuf)>) -> Result<()> {
+    let file = more.as_ref().map(|m| m.1.to_string_lossy().into_owned());
+    let more: Vec<&str> = more.iter().map(|m| m.0).chain(file.as_deref()).collect();
+    if super::diagnose(host, folder, verdict, &more)? {
         return Ok(());
     }
-    let program = std::env::current_exe().map_err(|e| fail("find", Path::new("rb-host"), e))?;
-    let part = verdict.with_extension("part");
-    let mut command = Command::new(&program);
-    command
-        .args(["--quiet", "gap", "report", "--force"])
-        .arg(folder);
-    command.arg("--json-file").arg(&part);
-    if let Some(path) = baseline {
-        command.arg("--baseline").arg(path);
-    }
-    if let Some(path) = patch {
-        command.arg("--patch").arg(path);
-    }
-    let status = command
-        .env("RAYON_NUM_THREADS", "1")
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .status()
-        .map_err(|e| fail("start", &program, e))?;
-    if !status.success() {
-        return Err(Failure::say(
-            Exit::Other,
-            format!(
-                "the diagnosis of {} failed; run `rb-host gap report` on it",
-                folder.display()
-            ),
-        ));
-    }
-    fs::rename(&part, verdict).map_err(|e| fail("move", &part, e))
+    bail!(
+        "the diagnosis of {} failed; run `rb-host gap report` on it",
+        folder.display()
+    )
 }
 
 /// One split of one data set on disk.
@@ -210,23 +189,21 @@ fn read(path: &Path) -> Value {
     serde_json::from_str(&text).unwrap_or(Value::Null)
 }
 
-pub(super) fn run(args: &Args, context: &Context) -> Outcome {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let jobs = if args.jobs == 0 { cores } else { args.jobs };
+pub(super) fn run(args: &Args) -> Result<()> {
+    let host = host(args.host.as_ref())?;
     let mut sources = Vec::new();
     for folder in &args.data {
         if folder.join("dataset.toml").is_file() {
             let name = folder
                 .file_name()
                 .map_or_else(String::new, |n| n.to_string_lossy().into());
-            sources.push((name, source(folder, context)?));
+            sources.push((name, source(folder)?));
         } else {
-            let text = format!("SKIPPED: no data set at {}", folder.display());
-            context.out.warn(&text);
+            eprintln!("SKIPPED: no data set at {}", folder.display());
         }
     }
     if sources.is_empty() {
-        context.out.say("no recordings, nothing to graft onto");
+        println!("no recordings, nothing to graft onto");
         return Ok(());
     }
     let halves: Vec<(Split, [Half<'_>; 2])> = sources
@@ -243,29 +220,32 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
             })
         })
         .collect();
-    context.out.say(format_args!(
-        "{} cases over {} splits of {} data sets on {jobs} processes",
+    println!(
+        "{} cases over {} splits of {} data sets",
         args.cases,
         halves.len(),
         sources.len()
-    ));
-    each(halves.len(), jobs, |k| prepare(&halves[k].0, &halves[k].1))?;
-    each(args.cases, jobs, |k| {
-        let (split, parts) = &halves[place(k, halves.len())];
-        diagnose(args, k, split, &parts[1])
+    );
+    each(halves.len(), args.jobs, |k| {
+        prepare(&host, &halves[k].0, &halves[k].1)
     })?;
-    publish(args, &halves, context)
+    each(args.cases, args.jobs, |k| {
+        let (split, parts) = &halves[place(k, halves.len())];
+        diagnose(args, &host, k, split, &parts[1])
+    })?;
+    publish(args, &halves)
 }
 
 /// Baseline, and what the ungrafted test half has on top of it.
-fn prepare(split: &Split, parts: &[Half<'_>; 2]) -> Outcome {
+fn prepare(host: &Path, split: &Split, parts: &[Half<'_>; 2]) -> Result<()> {
     let first = split.folder.join("baseline");
     let second = split.folder.join("ungrafted");
     parts[0].write(&first, Graft::None, 0)?;
     parts[1].write(&second, Graft::None, 0)?;
     let verdict = split.folder.join("baseline.json");
-    report(&first, &verdict, None, Some(&split.baseline()))?;
-    report(&second, &split.reference(), Some(&split.baseline()), None)
+    report(host, &first, &verdict, Some(("--patch", split.baseline())))?;
+    let baseline = Some(("--baseline", split.baseline()));
+    report(host, &second, &split.reference(), baseline)
 }
 
 /// Split of a case: every kind of graft comes to every split.
@@ -277,7 +257,7 @@ fn graft(args: &Args, case: usize) -> Graft {
     grafts::draw(&mut Rng::new(args.seed, 0x67, case as u64), case)
 }
 
-fn diagnose(args: &Args, case: usize, split: &Split, half: &Half<'_>) -> Outcome {
+fn diagnose(args: &Args, host: &Path, case: usize, split: &Split, half: &Half<'_>) -> Result<()> {
     let folder = args.output.join("cases").join(format!("graft_{case:03}"));
     let verdict = args.output.join(format!("graft_{case:03}.json"));
     if verdict.exists() {
@@ -285,7 +265,8 @@ fn diagnose(args: &Args, case: usize, split: &Split, half: &Half<'_>) -> Outcome
     }
     let seed = args.seed.wrapping_mul(7919).wrapping_add(case as u64);
     half.write(&folder, graft(args, case), seed)?;
-    report(&folder, &verdict, Some(&split.baseline()), None)
+    let baseline = Some(("--baseline", split.baseline()));
+    report(host, &folder, &verdict, baseline)
 }
 
 /// Classes of effects named, in rank order.
@@ -326,7 +307,7 @@ fn right(graft: Graft, verdict: &Value, reference: &Value) -> bool {
     }
 }
 
-fn publish(args: &Args, halves: &[(Split, [Half<'_>; 2])], context: &Context) -> Outcome {
+fn publish(args: &Args, halves: &[(Split, [Half<'_>; 2])]) -> Result<()> {
     let (mut counts, mut large) = ([(0usize, 0usize); 3], (0usize, 0usize));
     let mut rows = String::from(
         "| case | data, split | graft | size | named on top of the baseline | right |\n|---|---|---|---|---|---|\n",
@@ -371,34 +352,30 @@ fn publish(args: &Args, halves: &[(Split, [Half<'_>; 2])], context: &Context) ->
             ));
         }
     }
-    let share = |(right, all): (usize, usize)| (all > 0).then(|| right as f64 / all as f64);
-    let row = |name, of: (usize, usize), target| score::Row {
-        name,
-        value: share(of),
-        of: of.1,
-        target,
+    let figure = |name: &str, (right, all): (usize, usize), target| {
+        Figure::share(name, right, all, target).line()
     };
-    let table = score::Table::new(
-        vec![
-            row("grafts named, larger than 2", large, ">= 0.90"),
-            row("grafts named, all", counts[0], "-"),
-            row(
-                "no graft, nothing named on top of the baseline",
-                counts[1],
-                "-",
-            ),
-            row(
-                "lost readings, nothing named that the ungrafted half has not",
-                counts[2],
-                "-",
-            ),
-        ],
-        failures,
-    );
+    let lines = [
+        figure("grafts named, larger than 2", large, ">= 0.90"),
+        figure("grafts named, all", counts[0], ""),
+        figure(
+            "no graft, nothing named on top of the baseline",
+            counts[1],
+            "",
+        ),
+        figure(
+            "lost readings, nothing named that the ungrafted half has not",
+            counts[2],
+            "",
+        ),
+    ];
     let note = "Size: root mean square of what the graft changes in the set-points, over the error that is left on the ungrafted half.";
-    let text = format!("{}\n{note}\n\n{rows}", table.markdown());
-    write(&args.output.join("score.md"), &text)?;
-    let value = json!({ "seed": args.seed, "rows": table.json(), "failures": table.failures });
-    context.out.result("rb.gap_graft/1", value, || text);
-    Ok(())
+    let text = format!(
+        "{}{}\nFailed:\n\n- {}\n\n{note}\n\n{rows}",
+        Figure::HEAD,
+        lines.concat(),
+        failures.join("\n- ")
+    );
+    println!("{text}");
+    write(&args.output.join("score.md"), &text)
 }

@@ -7,10 +7,10 @@ use physics::Params;
 
 use super::drive::{Convention, DriveParams, ServoParams};
 use super::{JOINTS, Planted, SUPPLY_V};
-use crate::driver::transport::TransportParams;
-use crate::motor::JointKind;
-use crate::rng::Rng;
-use crate::supply::SupplyParams;
+use hil_sim::driver::transport::TransportParams;
+use hil_sim::motor::JointKind;
+use hil_sim::rng::Rng;
+use hil_sim::supply::SupplyParams;
 
 /// Relative 1-sigma tolerances with which motor constant, resistance and supply are drawn; at most those of the shipped model.
 const MOTOR_TOLERANCE: [f64; 3] = [0.03, 0.03, 0.01];
@@ -83,11 +83,14 @@ pub(super) struct Reality {
 impl Reality {
     /// The robot of a seed with these causes. `None` if the physics refuses it.
     pub(super) fn new(seed: u64, planted: &[Planted]) -> Option<Self> {
+        Self::nudged(seed, planted, None)
+    }
+
+    /// The same with one nominal number, of [`NUDGES`], off by one more tolerance.
+    pub(super) fn nudged(seed: u64, planted: &[Planted], nudge: Option<usize>) -> Option<Self> {
         let stated = stated_model();
         let mut rng = Rng::new(seed, 0x7E, 0);
-        let mut within = |value: f64, tolerance: f64| {
-            (value + tolerance * rng.normal().clamp(-2.0, 2.0)).max(0.0)
-        };
+        let mut within = |value: f64, tolerance: f64| (value + tolerance * rng.normal()).max(0.0);
         let mut model = Model::hand_tuned();
         for key in Key::TABLE_II {
             let p = stated.parameter(key);
@@ -95,11 +98,14 @@ impl Reality {
             let value = within(p.value, p.tolerance).clamp(info.min, info.max);
             model.set(key, value).ok()?;
         }
-        let drives = JointKind::METAMODULE.map(|kind| drive(kind, &stated, &mut within));
-        let supply = SupplyParams {
+        let mut drives = JointKind::METAMODULE.map(|kind| drive(kind, &stated, &mut within));
+        let mut supply = SupplyParams {
             voltage_v: within(SUPPLY_V, MOTOR_TOLERANCE[2] * SUPPLY_V),
             resistance_ohm: 0.0,
         };
+        if let Some(number) = nudge {
+            shift(number, &mut model, &mut drives, &mut supply)?;
+        }
         let camera = CameraTruth {
             height_m: model.value(Key::CameraHeight),
             x_m: 0.0,
@@ -239,6 +245,102 @@ impl Reality {
     }
 }
 
+/// Nominal numbers that a diagnosis may fit in a cause's place: friction, masses, bounce; gain, speed, torque and damping of either kind of
+/// joint; torque constant, winding, supply.
+pub(super) const NUDGES: usize = 14;
+
+/// Adds its tolerance to a nominal number.
+fn shift(
+    number: usize,
+    model: &mut Model,
+    drives: &mut [DriveParams; JOINTS],
+    supply: &mut SupplyParams,
+) -> Option<()> {
+    let stated = stated_model();
+    let mut more = |key: Key| {
+        let info = key.info();
+        let value = model.value(key) + stated.parameter(key).tolerance;
+        model.set(key, value.clamp(info.min, info.max)).ok()
+    };
+    match number {
+        0 => more(Key::Friction)?,
+        1 => Key::MASSES.into_iter().try_for_each(more)?,
+        2 => more(Key::Bounce)?,
+        11 => supply.voltage_v *= 1.0 + MOTOR_TOLERANCE[2],
+        12 | 13 => {
+            for drive in drives {
+                let e = &mut drive.motor.electrical;
+                match number {
+                    12 => e.motor_constant_ratio *= 1.0 + MOTOR_TOLERANCE[0],
+                    _ => e.winding_resistance_ratio *= 1.0 + MOTOR_TOLERANCE[1],
+                }
+            }
+        }
+        _ => {
+            let (inter, what) = ((number - 3) / 4 == 1, (number - 3) % 4);
+            let key = SERVO_KEYS[usize::from(inter)][what];
+            let by = stated.parameter(key).tolerance;
+            for (drive, kind) in drives.iter_mut().zip(JointKind::METAMODULE) {
+                if (kind == JointKind::Inter) != inter {
+                    continue;
+                }
+                match what {
+                    0 => drive.servo.max_speed_rad_s += by,
+                    1 => drive.motor.electrical.torque_limit_nm += by,
+                    2 => drive.servo.gain_1_s += by,
+                    _ => drive.servo.damping_nm_s_rad += by,
+                }
+            }
+        }
+    }
+    Some(())
+}
+
+/// Speed, torque, gain and damping of the joints within cubes, and of those between them.
+const SERVO_KEYS: [[Key; 4]; 2] = [
+    [
+        Key::IntraSpeed,
+        Key::IntraTorque,
+        Key::IntraGain,
+        Key::IntraDamping,
+    ],
+    [
+        Key::InterSpeed,
+        Key::InterTorque,
+        Key::InterGain,
+        Key::InterDamping,
+    ],
+];
+
+/// By how many tolerances a planted nominal number is off; `None` for what the nominal model has not.
+pub(super) fn tolerances_off(planted: &Planted) -> Option<f64> {
+    let x = planted.parameters.first()?.1;
+    let stated = stated_model();
+    let off = |key: Key, value: f64| {
+        let p = stated.parameter(key);
+        Some((value - p.value).abs() / p.tolerance)
+    };
+    let kind = planted.joint.and_then(|j| JointKind::METAMODULE.get(j));
+    let [speed, torque, gain, _] = SERVO_KEYS[usize::from(kind == Some(&JointKind::Inter))];
+    match planted.effect {
+        "loop_gain" => off(gain, x * stated.value(gain)),
+        "velocity_limit" => off(speed, x),
+        "torque_limit" => off(torque, x),
+        "motor_constant" => Some((x - 1.0).abs() / MOTOR_TOLERANCE[0]),
+        "winding_resistance" => Some((x - 1.0).abs() / MOTOR_TOLERANCE[1]),
+        "supply_voltage" => Some((x / SUPPLY_V - 1.0).abs() / MOTOR_TOLERANCE[2]),
+        "ground_friction" => off(Key::Friction, x),
+        "restitution" => off(Key::Bounce, x),
+        "camera_height" => off(Key::CameraHeight, x),
+        // Eight masses that are off alike.
+        "mass" => {
+            let half = stated.parameter(Key::Mass1);
+            Some((x - 1.0).abs() * half.value * libm::sqrt(8.0) / half.tolerance)
+        }
+        _ => None,
+    }
+}
+
 /// An effect that the body simulator's parameters hold.
 fn set(model: &mut Model, name: &str, joint: Option<u8>, cause: &Planted) {
     let values: Vec<f64> = cause.parameters.iter().map(|p| p.1).collect();
@@ -249,24 +351,11 @@ fn set(model: &mut Model, name: &str, joint: Option<u8>, cause: &Planted) {
 }
 
 fn drive(kind: JointKind, stated: &Model, within: &mut impl FnMut(f64, f64) -> f64) -> DriveParams {
-    let [speed, torque, gain, damping] = match kind {
-        JointKind::Intra => [
-            Key::IntraSpeed,
-            Key::IntraTorque,
-            Key::IntraGain,
-            Key::IntraDamping,
-        ],
-        JointKind::Inter => [
-            Key::InterSpeed,
-            Key::InterTorque,
-            Key::InterGain,
-            Key::InterDamping,
-        ],
-    }
-    .map(|key| {
-        let p = stated.parameter(key);
-        within(p.value, p.tolerance)
-    });
+    let [speed, torque, gain, damping] =
+        SERVO_KEYS[usize::from(kind == JointKind::Inter)].map(|key| {
+            let p = stated.parameter(key);
+            within(p.value, p.tolerance)
+        });
     let mut motor = kind.neutral();
     motor.electrical.torque_limit_nm = torque.max(0.01);
     motor.electrical.motor_constant_ratio = within(1.0, MOTOR_TOLERANCE[0]);

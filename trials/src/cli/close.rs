@@ -1,31 +1,26 @@
-//! `rb-host gap close`: the loop from search to robot to diagnosis to search, and what the patch is worth.
+//! `rb-trials close`: the loop from search to robot to diagnosis to search, and what the patch is worth.
 //!
 //! The paper's own measure: its fitted simulator promised 6.0 cm/s, the robot walked 5.8.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 use std::sync::Arc;
-use std::time::Duration;
 
+use anyhow::{Context, Result, anyhow, bail};
 use camera::similarity;
 use camera::{Silhouette, Solid, View};
 use control::gait::Gait;
 use control::kinematics;
 use control::robot::JOINTS;
 use files::model::{Key, Model};
-use hil_sim::robot_cases::{self, Plan, Ride, SeenBy};
 use optimise::search::Search;
 use optimise::select::select;
 use optimise::settings::SearchSettings;
 use optimise::simulated::{Simulated, base_pose};
 use physics::{Drive, Options, Params, Pose, Start, Trial};
-use serde_json::{Value, json};
 
-use super::blind::{fail, write};
-use super::blind_whole;
-use crate::context::Context;
-use crate::failure::{Exit, Failure, Outcome};
+use super::{diagnose, host, make, write};
+use crate::robot::{self, Plan, Ride, SeenBy};
 
 /// Options of `gap close`.
 #[derive(Debug, clap::Args)]
@@ -48,12 +43,15 @@ pub(super) struct Args {
     /// Gaits taken from each search
     #[arg(long, default_value_t = 4)]
     gaits: usize,
-    /// Length of a run
-    #[arg(short, long, value_name = "TIME", value_parser = crate::cli::parse_duration, default_value = "20s")]
-    duration: Duration,
+    /// Length of a run, s
+    #[arg(long, default_value_t = 20.0)]
+    duration: f64,
     /// Seed of searches and robot
     #[arg(long, default_value_t = 1)]
     seed: u64,
+    /// The program that diagnoses; absent = rb-host beside this one
+    #[arg(long, value_name = "FILE")]
+    host: Option<PathBuf>,
 }
 
 /// Runs of each gait on the robot.
@@ -128,11 +126,10 @@ struct Films {
 }
 
 impl Films {
-    fn new(context: &Context) -> Outcome<Self> {
-        let robot = context.robot_model();
+    fn new() -> Result<Self> {
+        let robot = control::robot::RobotModel::default();
         let height_m = Key::CameraHeight.info().hand as f32;
-        let view = View::new(height_m, (0.0, 0.0), 0.0, (320, 240), 290.0)
-            .map_err(|e| Failure::new(Exit::Other, anyhow::Error::new(e)))?;
+        let view = View::new(height_m, (0.0, 0.0), 0.0, (320, 240), 290.0)?;
         Ok(Self {
             view,
             solids: Solid::meta_module(&robot),
@@ -161,46 +158,35 @@ impl Films {
 }
 
 /// Gaits of a small search in a simulator.
-fn search(args: &Args, model: &Model, what: &str, context: &Context) -> Outcome<Vec<Gait>> {
+fn search(args: &Args, model: &Model, what: &str) -> Result<Vec<Gait>> {
     let settings = SearchSettings::default();
-    let usage = |e: anyhow::Error| Failure::new(Exit::Usage, e);
-    let trials =
-        Simulated::new(model, settings.space.duration_s, args.seed).map_err(|e| usage(e.into()))?;
+    let trials = Simulated::new(model, settings.space.duration_s, args.seed)?;
     let mut search = Search::start(
         settings.space.clone(),
         settings.score,
         model.value(Key::ImpactLimit) as f32,
         args.particles,
         args.seed,
-    )
-    .map_err(|e| usage(e.into()))?;
-    let _grace = crate::interrupt::grace("stopping");
-    let bar = context.out.progress(u64::from(args.iterations), what);
+    )?;
     for _ in 0..args.iterations {
-        if crate::interrupt::pressed() {
-            return Err(Failure::say(Exit::Interrupted, "stopped during a search"));
-        }
         search.iterate(&trials);
-        bar.inc(1);
     }
-    bar.finish_and_clear();
     let chosen = select(search.space(), search.archive(), &settings.select);
     let named = chosen.iter().take(args.gaits.max(1)).enumerate();
     named
         .map(|(k, c)| {
             let name = format!("{what}{:02}", k + 1);
             let gait = search.space().gait(&c.found.position, &name);
-            gait.map_err(|e| Failure::say(Exit::Other, format!("gait {name}: {e}")))
+            gait.map_err(|e| anyhow!("gait {name}: {e}"))
         })
         .collect()
 }
 
 /// What the simulator promises for a gait: runs with the noise of the search.
-fn predicted(args: &Args, model: &Model, gait: &Gait) -> Outcome<Vec<Motion>> {
-    let params = Params::try_from(model).map_err(|e| {
-        Failure::new(Exit::BadFile, anyhow::Error::new(e))
-            .hint("the patch holds an effect that acts outside the body simulator; search with what is left of it")
-    })?;
+fn predicted(args: &Args, model: &Model, gait: &Gait) -> Result<Vec<Motion>> {
+    let params = Params::try_from(model).context(
+        "the patch holds an effect that acts outside the body simulator; search with what is left of it",
+    )?;
     let params = Arc::new(params);
     let trials: Vec<Trial> = (0..REPEATS)
         .map(|run| Trial {
@@ -211,7 +197,7 @@ fn predicted(args: &Args, model: &Model, gait: &Gait) -> Outcome<Vec<Motion>> {
                 noise_rad: model.value(Key::CpgNoise),
                 seed: args.seed ^ (run << 32),
             },
-            duration_s: args.duration.as_secs_f64(),
+            duration_s: args.duration,
         })
         .collect();
     let options = Options {
@@ -219,19 +205,17 @@ fn predicted(args: &Args, model: &Model, gait: &Gait) -> Outcome<Vec<Motion>> {
         record_angles: true,
         ..Options::default()
     };
-    let outcomes = physics::run(&trials, &options)
-        .map_err(|e| Failure::new(Exit::Usage, anyhow::Error::new(e)))?;
+    let outcomes = physics::run(&trials, &options)?;
     Ok(outcomes
         .iter()
         .map(|o| Motion::new(&o.poses, o.angles_rad.as_chunks::<JOINTS>().0))
         .collect())
 }
 
-fn ridden(plan: &Plan, gait: &Gait) -> Outcome<Vec<Motion>> {
+fn ridden(plan: &Plan, gait: &Gait) -> Result<Vec<Motion>> {
     (0..REPEATS)
         .map(|run| {
-            let ride = robot_cases::play(plan, gait, run)
-                .map_err(|e| Failure::new(Exit::Usage, anyhow::Error::new(e)))?;
+            let ride = robot::play(plan, gait, run)?;
             Ok(Motion::new(&ride.base, &ride.link_rad))
         })
         .collect()
@@ -253,15 +237,15 @@ fn compare(
     (model_name, model): (&'static str, &Model),
     plan: &Plan,
     films: &Films,
-) -> Outcome<Line> {
+) -> Result<Line> {
     let mut sums = [0.0; 4];
     let mut count = 0.0;
     for gait in gaits {
         let (promised, robot) = (predicted(args, model, gait)?, ridden(plan, gait)?);
         for (p, r) in promised.iter().zip(&robot) {
             let row = [
-                p.speed_m_s(args.duration.as_secs_f64()),
-                r.speed_m_s(args.duration.as_secs_f64()),
+                p.speed_m_s(args.duration),
+                r.speed_m_s(args.duration),
                 apart_m(p, r),
                 films.similarity(r, p),
             ];
@@ -281,77 +265,74 @@ fn compare(
     })
 }
 
-/// The patched model: given, or what `gap report` makes of recordings of the gaits, in a process of its own.
-fn patched(args: &Args, plan: &Plan, gaits: &[Gait]) -> Outcome<Model> {
-    if let Some(path) = &args.model {
-        return crate::model_file::load(Some(path));
-    }
-    let data = args.output.join("data");
-    let case = robot_cases::case(plan, gaits)
-        .map_err(|e| Failure::new(Exit::Usage, anyhow::Error::new(e)))?;
-    blind_whole::write_files(&case, &data)?;
-    let program = std::env::current_exe().map_err(|e| fail("find", Path::new("rb-host"), e))?;
-    let patch = args.output.join("patched.toml");
-    let status = Command::new(&program)
-        .args(["--quiet", "gap", "report", "--force"])
-        .arg(&data)
-        .arg("--json-file")
-        .arg(args.output.join("verdict.json"))
-        .arg("--patch")
-        .arg(&patch)
-        .stdout(Stdio::null())
-        .status()
-        .map_err(|e| fail("start", &program, e))?;
-    if !status.success() {
-        return Err(Failure::say(
-            Exit::Other,
-            format!(
-                "the diagnosis failed; run `rb-host gap report {}`",
-                data.display()
-            ),
-        ));
-    }
-    crate::model_file::load(Some(&patch))
+/// A model file.
+fn load(path: &Path) -> Result<Model> {
+    let text =
+        std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+    Ok(Model::parse(&path.display().to_string(), &text)?)
 }
 
-fn store(folder: &Path, gaits: &[Gait]) -> Outcome {
-    std::fs::create_dir_all(folder).map_err(|e| fail("make", folder, e))?;
+/// The patched model: given, or what `gap report` makes of recordings of the gaits, in a process of its own.
+fn patched(args: &Args, plan: &Plan, gaits: &[Gait]) -> Result<Model> {
+    if let Some(path) = &args.model {
+        return load(path);
+    }
+    let data = args.output.join("data");
+    make::write_files(&robot::case(plan, gaits)?.files, &data)?;
+    let patch = args.output.join("patched.toml");
+    let verdict = args.output.join("verdict.json");
+    let file = patch.to_string_lossy();
+    if !diagnose(
+        &host(args.host.as_ref())?,
+        &data,
+        &verdict,
+        &["--patch", &file],
+    )? {
+        bail!(
+            "the diagnosis failed; run `rb-host gap report {}`",
+            data.display()
+        );
+    }
+    load(&patch)
+}
+
+fn store(folder: &Path, gaits: &[Gait]) -> Result<()> {
     for gait in gaits {
         let file = folder.join(format!("{}.toml", gait.name()));
-        write(&file, &files::gait::to_toml(gait))?;
+        write(&file, files::gait::to_toml(gait))?;
     }
     Ok(())
 }
 
-pub(super) fn run(args: &Args, context: &Context) -> Outcome {
+pub(super) fn run(args: &Args) -> Result<()> {
     let plan = Plan {
         name: args.plant.clone(),
         kind: "by name",
-        planted: blind_whole::parse(&args.plant, args.seed)?,
-        duration_s: args.duration.as_secs_f64(),
+        planted: make::parse(&args.plant, args.seed)?,
+        duration_s: args.duration,
         seen_by: SeenBy::Tracker,
         without: Vec::new(),
-        ..robot_cases::plan(args.seed, 1000)
+        ..robot::plan(args.seed, 1000)
     };
-    let films = Films::new(context)?;
+    let films = Films::new()?;
     let nominal = Model::hand_tuned();
-    let old = search(args, &nominal, "old", context)?;
+    let old = search(args, &nominal, "old")?;
     store(&args.output.join("gaits"), &old)?;
     let before = compare(args, ("old", &old), ("nominal", &nominal), &plan, &films)?;
-    context.out.say(format_args!(
+    println!(
         "searched in the nominal simulator: {:.1} cm/s promised, {:.1} cm/s achieved",
         100.0 * before.predicted_m_s,
         100.0 * before.achieved_m_s
-    ));
+    );
     let model = patched(args, &plan, &old)?;
     let after = compare(args, ("old", &old), ("patched", &model), &plan, &films)?;
-    let new = search(args, &model, "new", context)?;
+    let new = search(args, &model, "new")?;
     store(&args.output.join("gaits"), &new)?;
     let last = compare(args, ("new", &new), ("patched", &model), &plan, &films)?;
-    publish(args, &[before, after, last], &model, context)
+    publish(args, &[before, after, last], &model)
 }
 
-fn publish(args: &Args, lines: &[Line], model: &Model, context: &Context) -> Outcome {
+fn publish(args: &Args, lines: &[Line], model: &Model) -> Result<()> {
     let mut text = format!(
         "planted: {}\npatched model: {} effects\n\n| gaits searched in | model | predicted, cm/s | achieved, cm/s | off by | path error, cm | R |\n|---|---|---|---|---|---|---|\n",
         args.plant,
@@ -376,16 +357,6 @@ fn publish(args: &Args, lines: &[Line], model: &Model, context: &Context) -> Out
     }
     text.push_str("| paper, fitted simulator | | 6.0 | 5.8 | +3 % | | |\n");
     write(&args.output.join("close.md"), &text)?;
-    let rows: Vec<Value> = lines
-        .iter()
-        .map(|l| {
-            json!({
-                "gaits": l.gaits, "model": l.model, "predicted_m_s": l.predicted_m_s, "achieved_m_s": l.achieved_m_s,
-                "path_error_m": l.path_error_m, "similarity_r": l.similarity,
-            })
-        })
-        .collect();
-    let value = json!({ "planted": args.plant, "rows": rows });
-    context.out.result("rb.gap_close/1", value, || text);
+    println!("{text}");
     Ok(())
 }

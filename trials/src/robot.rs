@@ -15,10 +15,13 @@ mod oracle;
 mod reality;
 mod write;
 
+use std::collections::BTreeMap;
+
 use control::gait::Gait;
+use hil_sim::rng::Rng;
 use thiserror::Error;
 
-use crate::rng::Rng;
+use crate::label::{Cause, Label, Scope, Truth};
 
 pub use draw::{effects, planted};
 
@@ -34,16 +37,15 @@ pub(crate) const SEND_TICKS: u64 = 50;
 /// Repeats of each gait.
 const REPEATS: usize = 3;
 
-/// Kinds with the upper end of their share and their number of causes.
-const KINDS: [(&str, f64, usize); 5] = [
-    ("null", 0.25, 0),
-    ("single", 0.65, 1),
-    ("pair", 0.82, 2),
-    ("triple", 0.90, 3),
-    ("outside", 1.0, 1),
+/// Kinds with the upper end of their share.
+const KINDS: [(&str, f64); 4] = [
+    ("null", 0.25),
+    ("single", 0.66),
+    ("several", 0.92),
+    ("outside", 1.0),
 ];
 
-/// One planted cause.
+/// One planted cause, on one joint or on the robot. A cause that joints share is planted on each of them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Planted {
     /// Name of the shared vocabulary, or one that no vocabulary holds.
@@ -54,6 +56,10 @@ pub struct Planted {
     pub parameters: Vec<(&'static str, f64)>,
     /// Convention faults: whether readings stand in the wrong frame too, or the command alone.
     pub readings_too: bool,
+    /// Number of the cause that this is part of, from 0.
+    pub cause: usize,
+    /// Scope of that cause.
+    pub scope: Scope,
 }
 
 /// What tells where the robot is.
@@ -96,19 +102,22 @@ pub enum Signal {
     Bus,
     /// Temperatures of the motors.
     Temperature,
+    /// Torques of the motors.
+    Effort,
     /// Rate gyro and accelerometer of the base.
     Inertial,
 }
 
 impl Signal {
     /// All of them.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Echo,
         Self::Velocity,
         Self::Current,
         Self::Duty,
         Self::Bus,
         Self::Temperature,
+        Self::Effort,
         Self::Inertial,
     ];
 
@@ -122,6 +131,7 @@ impl Signal {
             Self::Duty => "duty",
             Self::Bus => "bus",
             Self::Temperature => "temperature",
+            Self::Effort => "effort",
             Self::Inertial => "inertial",
         }
     }
@@ -138,7 +148,7 @@ impl Signal {
 pub struct Plan {
     /// Case name.
     pub name: String,
-    /// `null`, `single`, `pair`, `triple` or `outside`.
+    /// `null`, `single`, `several` or `outside`.
     pub kind: &'static str,
     /// Seed of tolerances, disturbance and noise.
     pub seed: u64,
@@ -152,19 +162,59 @@ pub struct Plan {
     pub duration_s: f64,
 }
 
-/// What only the generator knows.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Label {
-    /// Case name.
-    pub name: String,
-    /// Kind, as in [`Plan`].
-    pub kind: &'static str,
-    /// Causes.
-    pub planted: Vec<Planted>,
-    /// What an oracle could gain by each cause, in floors, on encoder angles or base pose over windows of 1 s: the larger of the two.
-    pub floors: Vec<f64>,
-    /// The same over all recorded channels.
-    pub floors_any: Vec<f64>,
+impl Plan {
+    /// Numbers of the causes.
+    pub(crate) fn causes(&self) -> usize {
+        self.planted.iter().map(|p| p.cause + 1).max().unwrap_or(0)
+    }
+
+    /// The label of what was planted, which shows so much: chi-square of every cause, and what stays of it.
+    fn label(&self, gaits: usize, shown: &[(f64, f64)]) -> Label {
+        let causes = shown.iter().enumerate().filter_map(|(k, (full, left))| {
+            let parts: Vec<&Planted> = self.planted.iter().filter(|p| p.cause == k).collect();
+            let first = parts.first()?;
+            let mut values: BTreeMap<String, Truth> = BTreeMap::new();
+            for part in &parts {
+                for (key, value) in &part.parameters {
+                    let truth = values.entry((*key).to_owned()).or_default();
+                    if truth.value.is_null() {
+                        truth.value = (*value).into();
+                    }
+                    if let Some(joint) = part.joint {
+                        truth.by_joint.insert(joint.to_string(), *value);
+                    }
+                }
+            }
+            let off = parts.iter().filter_map(|p| reality::tolerances_off(p));
+            Some(Cause {
+                effect: first.effect.to_owned(),
+                stage: draw::stage(first.effect).to_owned(),
+                scope: first.scope,
+                joints: parts.iter().filter_map(|p| p.joint).collect(),
+                values,
+                also: Vec::new(),
+                compound: None,
+                spread: f64::from(u8::from(parts.len() > 1)),
+                readings_too: first.readings_too,
+                sigmas: off.reduce(f64::max),
+                delta_chi2: *full,
+                delta_chi2_refitted: *left,
+            })
+        });
+        let recorded = Signal::ALL.iter().filter(|s| !self.without.contains(s));
+        let columns: Vec<&str> = recorded.map(|s| s.name()).collect();
+        Label {
+            name: self.name.clone(),
+            engine: "emulator".to_owned(),
+            kind: self.kind.to_owned(),
+            causes: causes.collect(),
+            more: [
+                ("gaits".to_owned(), gaits.into()),
+                ("columns".to_owned(), columns.into()),
+            ]
+            .into(),
+        }
+    }
 }
 
 /// A case: files of the data set folder, and its label.
@@ -233,7 +283,7 @@ pub fn plan_anew(seed: u64, index: usize, times: u32) -> Plan {
             SeenBy::Tracker
         },
         planted,
-        without: Vec::new(),
+        without: draw::without(&mut rng),
         // Chosen: two cycles of the paper's 0.2 Hz and a bit.
         duration_s: 12.0,
     }
@@ -311,18 +361,9 @@ pub fn case(plan: &Plan, gaits: &[Gait]) -> Result<Case, RobotCaseError> {
             }
         }
     }
-    let (floors, floors_any) = oracle::floors(plan, gaits, &truth)
-        .ok_or(RobotCaseError::Impossible)?
-        .into_iter()
-        .unzip();
+    let shown = oracle::evidence(plan, gaits, &truth).ok_or(RobotCaseError::Impossible)?;
     Ok(Case {
         files,
-        label: Label {
-            name: plan.name.clone(),
-            kind: plan.kind,
-            planted: plan.planted.clone(),
-            floors,
-            floors_any,
-        },
+        label: plan.label(gaits.len(), &shown),
     })
 }

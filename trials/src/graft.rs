@@ -3,12 +3,13 @@
 use std::fmt::Write as _;
 
 use files::dataset::{Motion, Recording, Signal, header_name};
-use hil_sim::bench_cases::log_uniform;
 use hil_sim::rng::Rng;
+
+use crate::joint::log_uniform;
 
 /// One graft. The robot did what it did; what is changed is what was written down, so that the recording is that of a robot with the fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) enum Graft {
+pub enum Graft {
     /// Nothing.
     None,
     /// Set-points were sent this much earlier than they were, s.
@@ -30,10 +31,10 @@ pub(super) enum Graft {
 }
 
 /// Kinds of grafts, the two without effect among them.
-pub(super) const KINDS: usize = 8;
+pub const KINDS: usize = 8;
 
 /// Draws the graft of case `case`: one in four without effect, the others in turn, sizes log-uniform.
-pub(super) fn draw(rng: &mut Rng, case: usize) -> Graft {
+pub fn draw(rng: &mut Rng, case: usize) -> Graft {
     let mut between = |low, high| log_uniform(rng, low, high);
     match case % KINDS {
         0 => Graft::Latency(between(0.015, 0.12)),
@@ -50,7 +51,7 @@ pub(super) fn draw(rng: &mut Rng, case: usize) -> Graft {
 
 impl Graft {
     /// The effect that the diagnosis should name.
-    pub(super) fn effect(self) -> Option<&'static str> {
+    pub fn effect(self) -> Option<&'static str> {
         match self {
             Self::None | Self::Loss(_) => None,
             Self::Latency(_) | Self::Stamp(_) => Some("latency"),
@@ -63,7 +64,7 @@ impl Graft {
     }
 
     /// In words.
-    pub(super) fn told(self) -> String {
+    pub fn told(self) -> String {
         match self {
             Self::None => "none".to_owned(),
             Self::Latency(s) => format!("latency {:.0} ms", 1e3 * s),
@@ -99,7 +100,7 @@ impl Graft {
 }
 
 /// The first `longest_s` of a recording with a graft, as CSV. A set-point that is listed between two readings gets a row of its own.
-pub(super) fn csv(
+pub fn csv(
     recording: &Recording,
     motion: Motion,
     graft: Graft,
@@ -149,7 +150,7 @@ pub(super) fn csv(
 const COMPARED_S: f64 = 2.0e-3;
 
 /// Sum of squares and count of the difference between applied and listed set-points over a recording.
-pub(super) fn change(recording: &Recording, graft: Graft, longest_s: f64) -> (f64, f64) {
+pub fn change(recording: &Recording, graft: Graft, longest_s: f64) -> (f64, f64) {
     let applied = events(recording, Graft::None, &mut Rng::new(0, 0, 0));
     let listed = events(recording, graft, &mut Rng::new(0, 0, 0));
     let late = if let Graft::Stamp(s) = graft { s } else { 0.0 };

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use super::drive::{DriveState, FLANGE_KG_M2, TICK_S};
 use super::reality::Reality;
 use super::{JOINTS, SAMPLE_TICKS, SEND_TICKS};
-use crate::rng::Rng;
+use hil_sim::rng::Rng;
 
 /// Body step, s, and sweeps: a quarter of the simulator's step and twice its sweeps.
 const STEP_S: f64 = 1e-3;
@@ -48,6 +48,7 @@ pub(super) struct Sample {
     pub(super) current_a: [f64; JOINTS],
     pub(super) duty: [f64; JOINTS],
     pub(super) case_c: [f64; JOINTS],
+    pub(super) effort_nm: [f64; JOINTS],
     pub(super) bus_v: f64,
     pub(super) gyro_rad_s: [f64; 3],
     /// Mean since the sample before.
@@ -463,6 +464,7 @@ impl<'a> Machine<'a> {
             current_a: of(&|j| sign(j) * drives[j].current_a),
             duty: of(&|j| sign(j) * drives[j].motor.applied_duty),
             case_c: of(&|j| drives[j].motor.case_c),
+            effort_nm: of(&|j| sign(j) * drives[j].motor_nm()),
             bus_v: self.bus_v,
             gyro_rad_s: imu.gyro_rad_s,
             accel_m_s2: accel,

@@ -12,13 +12,14 @@ use physics::Pose;
 use super::machine::Sample;
 use super::reality::CameraTruth;
 use super::{CAMERA_HEIGHT_M, JOINTS, Plan, REPEATS, Signal};
-use crate::rng::Rng;
+use hil_sim::rng::Rng;
 
 /// Noise of a sensor, 1 sigma. Encoder: 10 urad edges and a shaft that trembles; speed: differences over 10 ms; current and duty: X-series
-/// steps of 2.7 mA and 0.1 %, and noise above them; bus 20 mV; rate gyro and accelerometer: a MEMS sensor at 40 Hz; base: a tracked marker.
+/// steps of 2.7 mA and 0.1 %, and noise above them; torque sensor 0.03 N m; bus 20 mV; rate gyro and accelerometer: a MEMS sensor at 40 Hz; base: a tracked marker.
 pub(super) const POSITION_RAD: f64 = 2.0e-4;
 pub(super) const SPEED_RAD_S: f64 = 0.01;
 pub(super) const CURRENT_A: f64 = 5.0e-3;
+pub(super) const EFFORT_NM: f64 = 0.03;
 pub(super) const DUTY: f64 = 2.0e-3;
 pub(super) const BUS_V: f64 = 0.02;
 pub(super) const GYRO_RAD_S: f64 = 0.01;
@@ -68,7 +69,7 @@ pub(super) fn manifest(plan: &Plan, gaits: &[Gait]) -> String {
 }
 
 /// Columns of a joint, and what they belong to; set-points and angles are always recorded.
-const COLUMNS: [(&str, Option<Signal>); 7] = [
+const COLUMNS: [(&str, Option<Signal>); 8] = [
     ("setpoint_rad", None),
     ("applied_setpoint_rad", Some(Signal::Echo)),
     ("position_rad", None),
@@ -76,6 +77,7 @@ const COLUMNS: [(&str, Option<Signal>); 7] = [
     ("current_a", Some(Signal::Current)),
     ("duty", Some(Signal::Duty)),
     ("temperature_c", Some(Signal::Temperature)),
+    ("effort_nm", Some(Signal::Effort)),
 ];
 
 /// Rows of a run as `plan` has them recorded. What is not recorded has its noise all the same: the rest stays as it is.
@@ -127,6 +129,7 @@ fn joints(s: &mut String, x: &Sample, without: &[Signal], noise: &mut Rng) {
             (x.current_a[k] + n(CURRENT_A), 4),
             ((x.duty[k] + n(DUTY)).clamp(-1.0, 1.0), 3),
             (x.case_c[k], 0),
+            (x.effort_nm[k] + n(EFFORT_NM), 4),
         ];
         for ((value, digits), (_, signal)) in values.into_iter().zip(COLUMNS) {
             if signal.is_none_or(|x| !without.contains(&x)) {

@@ -8,8 +8,8 @@ use std::collections::VecDeque;
 
 use physics::JointDrive;
 
-use crate::driver::transport::{Transport, TransportParams};
-use crate::motor::{self, JointParams, JointState};
+use hil_sim::driver::transport::{Transport, TransportParams};
+use hil_sim::motor::{self, JointParams, JointState};
 
 /// The servo law of one joint.
 #[derive(Clone, Debug, PartialEq)]
@@ -148,6 +148,11 @@ impl DriveState {
     /// Angle that the encoder reads, joint frame.
     pub(super) fn encoder_rad(&self, p: &DriveParams) -> f64 {
         self.motor.gear_rad + p.motor.encoder_error_rad(&self.motor)
+    }
+
+    /// Torque of the motor at the gear, N m.
+    pub(super) fn motor_nm(&self) -> f64 {
+        self.link_nm + self.inner_nm
     }
 
     /// Set-points that are due come into force.
