@@ -125,11 +125,17 @@ fn folders_the_architecture_page_names_exist() {
     }
 }
 
+/// What makes test data is a program of its own.
+#[test]
+fn the_host_tool_reaches_no_generator_of_test_data() {
+    assert!(!reaches(&metadata(), "host").contains("trials"));
+}
+
 /// The diagnosis must not be able to see the truth, nor the code that generates it.
 #[test]
 fn the_diagnosis_reaches_no_crate_that_makes_test_data() {
     let reached = reaches(&metadata(), "gap");
-    for forbidden in ["hil-sim", "firmware", "tests", "host"] {
+    for forbidden in ["hil-sim", "trials", "firmware", "tests", "host"] {
         assert!(!reached.contains(forbidden), "gap depends on {forbidden}");
     }
 }

@@ -174,21 +174,12 @@ pub const EXAMPLES: &[Examples] = &[
         "gap predict",
         &["gap predict set --patch patch.toml -o predicted"],
     ),
-    ("gap blind", &["gap blind -o blind --cases 20 --nulls 20"]),
-    (
-        "gap close",
-        &["gap close -o loop --plant coulomb_friction@2:0.5"],
-    ),
     (
         "gap collect",
         &[
             "gap collect -o set --dry-run",
             "-p sim: gap collect -o set --repeat 2 --warm 0s",
         ],
-    ),
-    (
-        "gap graft",
-        &["gap graft recordings/joint -o grafts --cases 8"],
     ),
     ("bench", &["bench --trials 16 --alone"]),
     ("completions", &["completions bash", "completions zsh"]),

@@ -1,5 +1,5 @@
-// One run of a robot in MuJoCo with the joint law of law.c in the loop; and, from its state at one second in two, what other
-// robots would do for that second ("forks"), which tells how much a cause shows.
+// One run of a robot in MuJoCo with the joint law of law.c in the loop; and, from its state at one second in two, what
+// other robots would do for that second ("forks"), which tells how much a cause shows.
 #include "law.h"
 #include <math.h>
 #include <mujoco/mujoco.h>
@@ -138,9 +138,9 @@ static void fork_to(const Run *from, Run *to) {
         }
 }
 
-// A run of `rows` rows after `settle` seconds; disturbances in steps of 10 ms from the start of the settling. `others` play one
-// second in two again, each under disturbances of its own; the rows of the rest stay as they are. Returns 1 where the state
-// became absurd, else 0.
+// A run of `rows` rows after `settle` seconds; disturbances in steps of 10 ms from the start of the settling. `others`
+// play one second in two again, each under disturbances of its own; the rows of the rest stay as they are. Returns 1
+// where the state became absurd, else 0.
 int play(Robot *robot, double settle, double row_s, int rows, const double *disturbance, double *log, Robot **others, const double **others_disturbance, int count,
          double *other_logs) {
     Run run = {.robot = robot, .bus = robot->robot[VOLTS], .t = -settle};

@@ -145,14 +145,12 @@ def build(engine, robot, contact):
     model = mujoco.MjModel.__copy__(engine.plain(split, contact["points"]))
     name = lambda kind, n: mujoco.mj_name2id(model, kind, n)
     body = mujoco.mjtObj.mjOBJ_BODY
-    moved = robot.halves_kg.sum()
-    # The robot's centre of mass moves by com_m where every half-sphere's does.
     for b in range(7):
         parts = []
         for h in HALVES[b]:
             at, inertia = engine.half(h)
             kg = robot.halves_kg[h]
-            parts.append((h, (kg, at + PLACES[h // 2] - ORIGINS[b] + (robot.com_m * moved / robot.halves_kg[3:5].sum() if b == 3 else 0), kg * inertia)))
+            parts.append((h, (kg, at + PLACES[h // 2] - ORIGINS[b] + (robot.com_m if b == 3 else 0), kg * inertia)))
         own = [p for h, p in parts if not (split and h == 4)]
         own += [(kg, np.array(at) + (0 if b == 3 else PLACES[HALVES[b][0] // 2] - ORIGINS[b]), 1e-5 * kg * np.eye(3)) for w, kg, at in robot.weights if w == b and any(at)]
         if any(w == b and not any(at) for w, _, at in robot.weights):
@@ -168,8 +166,8 @@ def build(engine, robot, contact):
     damping = z / math.sqrt(math.pi**2 + z * z)
     constant = max(1.0 / (robot.contact_rad_s * damping), 0.0021)
     across = robot.anisotropy[0]
-    # Along `direction` friction is the coefficient, across it that times the ratio; the mean of both stays.
-    model.pair_friction[:, 0], model.pair_friction[:, 1] = robot.friction * math.sqrt(across), robot.friction / math.sqrt(across)
+    # Along `direction` friction is the coefficient, across it that times the ratio; tangents of a contact with the plane are y, then x.
+    model.pair_friction[:, 0], model.pair_friction[:, 1] = robot.friction * across, robot.friction
     model.pair_friction[:, 2] = max(robot.torsion_m, contact["torsion_m"])
     model.pair_friction[:, 3:] = 1e-5
     model.pair_dim[:] = 4 if robot.torsion_m > 0 or contact["torsion_m"] > 0 else 3

@@ -1,5 +1,6 @@
-// One run of a robot in ODE with the joint law of law.c in the loop, and the forks that mujoco_play.c describes. Bodies are rigid, hinges
-// have ODE's own motors, contacts are made from surface points below the ground, the deepest eight of a half-sphere.
+// One run of a robot in ODE with the joint law of law.c in the loop, and the forks that mujoco_play.c describes. Bodies are
+// rigid, hinges have ODE's own motors, contacts are made from surface points below the ground, the deepest eight of a
+// half-sphere.
 #include "law.h"
 #include <math.h>
 #include <ode/ode.h>
@@ -258,8 +259,8 @@ static void sample(Run *run, double *row) {
     run->forces = 0;
 }
 
-// Goes on in another robot from where this one is. Its frames stand where these do; readings of conventions that differ by more than the
-// command are those of the same angles.
+// Goes on in another robot from where this one is. Its frames stand where these do; readings of conventions that differ
+// by more than the command are those of the same angles.
 static void fork_to(const Run *from, Run *to) {
     const Robot *a = from->robot, *b = to->robot;
     to->bus = from->bus;

@@ -31,8 +31,8 @@ JOINT, ROBOT = keys("joint_key"), keys("robot_key")
 # Table II, hand tuned, and Table I: values for intra- and inter-cube joints.
 NOMINAL = {"GAIN": (10.0, 10.0), "SPEED_LIMIT": (2.5, 1.5), "TORQUE_LIMIT": (4.8, 3.2), "DAMPING": (0.0, 0.0), "TORQUE_PER_AMP": (12 / 2.786, 12 / 2.032), "OHM": (1.9, 4.09)}
 FILE_KEYS = {"GAIN": "gain_per_s", "SPEED_LIMIT": "max_velocity_rad_s", "TORQUE_LIMIT": "max_torque_nm", "DAMPING": "damping_nm_s_rad"}
-# 1 sigma: of the shipped model, and of a robot whose makers measured it. Motor constants and supply stand in no file: 3 %, 4 %,
-# and 1 %.
+# 1 sigma: of the shipped model, and of a robot whose makers measured it. Motor constants and supply stand in no file:
+# 3 %, 4 % and 1 %.
 SHIPPED = {"GAIN": (1.0, 1.0), "SPEED_LIMIT": (0.25, 0.15), "TORQUE_LIMIT": (0.48, 0.32), "DAMPING": (0.05, 0.05), "friction": 0.2, "bounce": 0.2, "mass": 0.02}
 MEASURED = {"GAIN": (0.3, 0.3), "SPEED_LIMIT": (0.08, 0.05), "TORQUE_LIMIT": (0.15, 0.1), "DAMPING": (0.02, 0.02), "friction": 0.05, "bounce": 0.05, "mass": 0.008}
 MOTOR = {"TORQUE_PER_AMP": 0.03, "OHM": 0.04, "VOLTS": 0.01}
@@ -108,8 +108,8 @@ def log_uniform(rng, low, high, moderate):
     return math.exp(math.log(low) + (math.log(high) - math.log(low)) * rng.uniform(a, b))
 
 
-# Effects of joints: stage, parameter's key, ends of its size, form, weight. Forms: plain, signed, ratio (exp of +-x), near
-# (1 +- x).
+# Effects of joints: stage, parameter's key, ends of its size, form, weight. Forms: plain, signed, ratio (exp of +-x),
+# near (1 +- x).
 # The low end is half of what a typical recording shows.
 JOINT_EFFECTS = {
     "joint_sign": ("conventions", "sign", -1, -1, "plain", 0.6),

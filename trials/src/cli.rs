@@ -86,6 +86,9 @@ fn diagnose(host: &Path, folder: &Path, verdict: &Path, more: &[&str]) -> Result
         return Ok(true);
     }
     let part = verdict.with_extension("part");
+    if part.exists() {
+        fs::remove_file(&part).with_context(|| format!("cannot remove {}", part.display()))?;
+    }
     let status = Command::new(host)
         .args(["--quiet", "gap", "report"])
         .arg(folder)
