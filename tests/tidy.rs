@@ -125,11 +125,17 @@ fn folders_the_architecture_page_names_exist() {
     }
 }
 
+/// What makes test data is a program of its own.
+#[test]
+fn the_host_tool_reaches_no_generator_of_test_data() {
+    assert!(!reaches(&metadata(), "host").contains("trials"));
+}
+
 /// The diagnosis must not be able to see the truth, nor the code that generates it.
 #[test]
 fn the_diagnosis_reaches_no_crate_that_makes_test_data() {
     let reached = reaches(&metadata(), "gap");
-    for forbidden in ["hil-sim", "firmware", "tests", "host"] {
+    for forbidden in ["hil-sim", "trials", "firmware", "tests", "host"] {
         assert!(!reached.contains(forbidden), "gap depends on {forbidden}");
     }
 }
@@ -252,6 +258,69 @@ fn nothing_is_left_open_or_switched_off() {
         for mark in &marks {
             assert!(!text.contains(mark.as_str()), "{file} contains {mark}");
         }
+    }
+}
+
+/// Files and folders that `text` names between backticks.
+fn named_paths(text: &str) -> Vec<&str> {
+    let quoted = text.split('`').skip(1).step_by(2);
+    quoted
+        .filter(|t| t.contains('/') && !t.contains([' ', '<', '*']))
+        .collect()
+}
+
+/// Text of a file, or of every Rust file below a folder.
+fn source(path: &std::path::Path) -> String {
+    if path.is_file() {
+        return std::fs::read_to_string(path).unwrap();
+    }
+    let mut entries: Vec<PathBuf> = std::fs::read_dir(path)
+        .unwrap()
+        .map(|e| e.unwrap().path())
+        .collect();
+    entries.sort();
+    let rust = |p: &PathBuf| p.is_dir() || p.extension().is_some_and(|x| x == "rs");
+    entries
+        .iter()
+        .filter(|p| rust(p))
+        .map(|p| source(p))
+        .collect()
+}
+
+#[test]
+fn the_page_on_effects_names_the_places_where_they_are() {
+    use files::effects::{Effect, Stage};
+    let page = std::fs::read_to_string(root().join("docs/how-to/add-an-effect.md")).unwrap();
+    for path in named_paths(&page) {
+        assert!(root().join(path).exists(), "{path} does not exist");
+    }
+    let of = |place: &str| -> String {
+        let row = page
+            .lines()
+            .find(|l| l.starts_with(&format!("| {place} |")));
+        let row = row.unwrap_or_else(|| panic!("no place `{place}`"));
+        named_paths(row)
+            .iter()
+            .map(|p| source(&root().join(p)))
+            .collect()
+    };
+    let [registry, simulator, diagnosis, generator] =
+        ["registry", "simulator", "diagnosis", "generator"].map(of);
+    for effect in Effect::ALL {
+        let variant = format!("Effect::{effect:?}");
+        let whole = |text: &str| {
+            let mut ends = text
+                .match_indices(&variant)
+                .map(|(at, v)| &text[at + v.len()..]);
+            ends.any(|rest| !rest.starts_with(|c: char| c.is_alphanumeric()))
+        };
+        assert!(whole(&registry), "{variant} has no row");
+        let forces = [Stage::Drivetrain, Stage::Transmission, Stage::Body];
+        let simulated = !forces.contains(&effect.stage()) || whole(&simulator);
+        assert!(simulated, "the simulator lacks {variant}");
+        assert!(whole(&diagnosis), "the diagnosis lacks {variant}");
+        let name = format!("\"{}\"", effect.name());
+        assert!(generator.contains(&name), "no generator plays {name}");
     }
 }
 

@@ -1,7 +1,7 @@
 //! Outlines of the meta-module's cubes straight from their shape, without a mesh.
 //!
-//! A cube is two half-balls, each cut by three faces. The cuts end before the plane between the halves (the ball's radius is below S / sqrt 3,
-//! see [`RobotModel::new`]), so for every angle of the joint the two halves together are one convex body: a ball less six caps, three
+//! A cube is two half-balls, each cut by three faces. The cuts end before the plane between the halves: the ball's radius is below S / sqrt 3,
+//! see [`RobotModel::new`]. So for every angle of the joint the two halves together are one convex body: a ball less six caps, three
 //! that turn with the proximal body and three that turn with the distal one. Its outline in direction u is the ball's contour point, or,
 //! where a cap is missing, the farthest point of that cap's rim.
 

@@ -7,8 +7,8 @@
 //! theta_i = r_i sin(phi_i) + x_i                                       paper (3), without the dot the paper prints on theta
 //! ```
 //!
-//! The two misprints: the product form of (1) stops oscillating within seconds (its frequency is proportional to the coupling sum, which
-//! phase lock takes to zero), and a dot on theta would make the set-point an integral that drifts with every offset. The standard form above is
+//! The two misprints: the product form of (1) stops oscillating within seconds, because its frequency is proportional to the coupling sum,
+//! which phase lock takes to zero. A dot on theta would make the set-point an integral that drifts with every offset. The standard form above is
 //! the one of the lab's other publications and code.
 //!
 //! Order of one tick: set-points from the state, one explicit Euler step from that same state, then phases wrapped to [-π, π). At

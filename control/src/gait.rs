@@ -109,8 +109,8 @@ pub struct RawGait {
 
 impl RawGait {
     /// Sets every initial phase to the phase-locked start of the link graph: the lowest oscillator of each connected part at
-    /// phase 0, every other where the links put it (breadth first in link order; a ring whose lags do not sum to a turn keeps
-    /// the lags of the first path found).
+    /// phase 0, every other where the links put it. Links are followed breadth first in their order; a ring whose lags do not
+    /// sum to a turn keeps the lags of the first path found.
     pub fn lock_phases(&mut self) {
         let mut phases: [Option<f32>; MAX_OSCILLATORS] = [None; MAX_OSCILLATORS];
         let count = self.oscillators.len();

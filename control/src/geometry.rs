@@ -1,8 +1,8 @@
 //! The real shape of a cube: two half-spheres, each a ball cut by the cube's faces and by the plane across the body diagonal.
 //!
-//! The two halves of one cube turn against each other about the diagonal. Each half owns the three flats of its own side (a flat spans
-//! 27.5 deg about its normal, the cut plane lies 35.3 deg from it), so no flat reaches the cut plane and no two flats meet, at any
-//! angle between the halves. Both halves together are therefore one convex body: a ball with six round flats. Its support
+//! The two halves of one cube turn against each other about the diagonal. Each half owns the three flats of its own side. A flat
+//! spans 27.5 deg about its normal, and the cut plane lies 35.3 deg from it. So no flat reaches the cut plane and no two flats meet,
+//! at any angle between the halves. Both halves together are therefore one convex body: a ball with six round flats. Its support
 //! function is closed-form, and its distance to another such body equals the smallest distance over the four pairs of halves.
 
 use crate::linalg::{Rot3, Vec3};

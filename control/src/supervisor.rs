@@ -1,9 +1,9 @@
 //! May anything move? The supervisor as an explicit state machine: a pure function of state, time and event.
 //!
 //! ```text
-//!            Booted              all joints homed                 Start (homed, lease)          InPosition and countdown over
+//!            Booted              all joints homed                 Start (all homed)             InPosition and countdown over
 //!   Boot ──────────────▶ Unhomed ───────────────▶ Idle ─────────────────────▶ Armed ─────────────────────────▶ Run
-//!                           ▲                      ▲ ▲                          │ Stop, blocked, timeout         │ Stop, lease over,
+//!                           ▲                      ▲ ▲                          │ Stop, blocked, timeout         │ Stop, length or lease over,
 //!                           │ DriverReset          │ │                          ▼                                ▼ fault with ramp
 //!                           └──── (any state) ─────┘ └── hold over ─────── Stopping { Ramp ─settled or timeout─▶ Hold } ◀┘
 //!                                                  │                            │ hold over, stopped by a fault
@@ -16,6 +16,7 @@
 //!   ramp of Stopping;
 //! * Armed is entered by a `Start` order alone, from Idle alone, with every joint homed; Run from Armed alone. So nothing moves after
 //!   a reset, a fault or a stop without a new order;
+//! * a tethered run has no longer than its lease after the last heartbeat before it is stopped, in Armed as in Run;
 //! * `Stop` is accepted in every state and leaves no state that moves along a gait;
 //! * a driver reset revokes the homing of its joint in every state (the encoders are relative);
 //! * the first fault is kept until `ClearFault`; a pressed STOP input beats everything.
@@ -38,6 +39,24 @@ pub struct Supervisor {
     homed_mask: u8,
     booted: bool,
     stop_input: bool,
+    lease: Option<Lease>,
+}
+
+/// The tether of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+struct Lease {
+    length_us: u64,
+    until_us: u64,
+}
+
+impl Lease {
+    const fn renewed(length_us: u64, now_us: u64) -> Self {
+        Lease {
+            length_us,
+            until_us: now_us.saturating_add(length_us),
+        }
+    }
 }
 
 impl Default for Supervisor {
@@ -55,6 +74,7 @@ impl Supervisor {
             homed_mask: 0,
             booted: false,
             stop_input: false,
+            lease: None,
         }
     }
 
@@ -117,11 +137,15 @@ impl Supervisor {
             Event::Order(Order::Stop) => self.on_stop(params, now_us, StopReason::Ordered),
             Event::Order(Order::ClearFault) => return self.on_clear_fault(),
             Event::Order(Order::Home { joint_mask }) => return self.on_home(joint_mask),
+            Event::Order(Order::Heartbeat) => return self.on_heartbeat(now_us),
             Event::Order(Order::Start {
-                lease_us,
+                duration_us,
                 countdown_us,
+                lease_us,
             }) => {
-                return self.on_start(params, now_us, lease_us, countdown_us);
+                check_start(params, duration_us, countdown_us, lease_us)?;
+                self.on_start(params, now_us, duration_us, countdown_us)?;
+                self.lease = lease_us.map(|length_us| Lease::renewed(length_us, now_us));
             }
         }
         Ok(())
@@ -203,25 +227,39 @@ impl Supervisor {
 
     fn on_in_position(&mut self, now_us: u64) {
         if let State::Armed {
-            lease_us,
+            duration_us,
             run_at_us,
             ..
         } = self.state
             && now_us >= run_at_us
         {
             self.state = State::Run {
-                until_us: now_us.saturating_add(lease_us),
+                until_us: now_us.saturating_add(duration_us),
             };
         }
     }
 
+    fn on_heartbeat(&mut self, now_us: u64) -> Result<(), Refusal> {
+        match (&mut self.lease, self.state) {
+            (Some(lease), State::Armed { .. } | State::Run { .. }) => {
+                *lease = Lease::renewed(lease.length_us, now_us);
+                Ok(())
+            }
+            _ => Err(Refusal::NotTethered),
+        }
+    }
+
     fn on_tick(&mut self, params: &SupervisorParams, now_us: u64) {
+        let alone = self.lease.is_some_and(|lease| now_us >= lease.until_us);
         match self.state {
+            State::Armed { .. } | State::Run { .. } if alone => {
+                self.on_stop(params, now_us, StopReason::LeaseOver);
+            }
             State::Armed { give_up_us, .. } if now_us >= give_up_us => {
                 self.hold(params, now_us, StopReason::ArmTimeout)
             }
             State::Run { until_us } if now_us >= until_us => {
-                self.ramp(params, now_us, StopReason::LeaseOver)
+                self.ramp(params, now_us, StopReason::DurationOver)
             }
             State::Stopping {
                 reason,
@@ -291,27 +329,15 @@ impl Supervisor {
         &mut self,
         params: &SupervisorParams,
         now_us: u64,
-        lease_us: u64,
+        duration_us: u64,
         countdown_us: u64,
     ) -> Result<(), Refusal> {
-        if lease_us == 0 || lease_us > params.lease_max_us {
-            return Err(Refusal::BadLease {
-                lease_us,
-                max_us: params.lease_max_us,
-            });
-        }
-        if countdown_us > params.arm_max_us {
-            return Err(Refusal::BadCountdown {
-                countdown_us,
-                max_us: params.arm_max_us,
-            });
-        }
         match self.state {
             State::Idle => {
                 let run_at_us = now_us.saturating_add(countdown_us);
                 let give_up_us = run_at_us.saturating_add(params.arm_max_us);
                 self.state = State::Armed {
-                    lease_us,
+                    duration_us,
                     run_at_us,
                     give_up_us,
                 };
@@ -359,5 +385,35 @@ impl Supervisor {
             fault,
             hold_until_us,
         };
+    }
+}
+
+/// The numbers of a start order.
+fn check_start(
+    params: &SupervisorParams,
+    duration_us: u64,
+    countdown_us: u64,
+    lease_us: Option<u64>,
+) -> Result<(), Refusal> {
+    if duration_us == 0 || duration_us > params.duration_max_us {
+        return Err(Refusal::BadDuration {
+            duration_us,
+            max_us: params.duration_max_us,
+        });
+    }
+    if countdown_us > params.arm_max_us {
+        return Err(Refusal::BadCountdown {
+            countdown_us,
+            max_us: params.arm_max_us,
+        });
+    }
+    let (min_us, max_us) = params.lease_us;
+    match lease_us {
+        Some(lease_us) if lease_us < min_us || lease_us > max_us => Err(Refusal::BadLease {
+            lease_us,
+            min_us,
+            max_us,
+        }),
+        _ => Ok(()),
     }
 }

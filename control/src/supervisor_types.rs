@@ -4,8 +4,10 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SupervisorParams {
-    /// Longest lease a start may ask for.
-    pub lease_max_us: u64,
+    /// Longest run a start may ask for.
+    pub duration_max_us: u64,
+    /// Shortest and longest lease of a tethered run.
+    pub lease_us: (u64, u64),
     /// Longest countdown, and longest time the approach may take after it.
     pub arm_max_us: u64,
     /// Longest ramp of the amplitudes to zero.
@@ -18,7 +20,9 @@ impl SupervisorParams {
     /// The default; a constant, so that a static can hold it.
     pub const NOMINAL: SupervisorParams = SupervisorParams {
         // One battery charge (paper, Table I: about 1 h).
-        lease_max_us: 3_600_000_000,
+        duration_max_us: 3_600_000_000,
+        // Two cycles, so that one late cycle ends no run; a minute of a robot that nobody watches is no tether any more.
+        lease_us: (100_000, 60_000_000),
         // A full turn of the slowest joint at half its no-load speed takes 6.2 s; three joints one after the other and reserve.
         arm_max_us: 30_000_000,
         // Rate a = 2 takes 1 rad below 1 mrad in 3.5 s.
@@ -38,13 +42,18 @@ impl Default for SupervisorParams {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Order {
-    /// Arm, move to the start pose, run for the lease.
+    /// Arm, move to the start pose, run for the duration.
     Start {
         /// Length of the run from t = 0, us.
-        lease_us: u64,
+        duration_us: u64,
         /// Earliest t = 0 after the order, us.
         countdown_us: u64,
+        /// Tethered: from the order on the run goes on no longer than this after the last [`Order::Heartbeat`], us. `None`: autonomous,
+        /// the run needs no host.
+        lease_us: Option<u64>,
     },
+    /// The host that watches a tethered run is still there.
+    Heartbeat,
     /// Bring the robot to rest. Accepted in every state.
     Stop,
     /// Leave Fault or EStop.
@@ -145,7 +154,9 @@ impl Fault {
 pub enum StopReason {
     /// A Stop order.
     Ordered,
-    /// The lease ran out: the normal end.
+    /// The run had its length: the normal end.
+    DurationOver,
+    /// A tethered run heard no heartbeat for the length of its lease.
     LeaseOver,
     /// The way to the start pose would collide.
     ApproachBlocked,
@@ -183,8 +194,8 @@ pub enum State {
     Idle,
     /// Moving to the start pose, or waiting there for t = 0.
     Armed {
-        /// Lease of the run to come.
-        lease_us: u64,
+        /// Length of the run to come.
+        duration_us: u64,
         /// Earliest t = 0.
         run_at_us: u64,
         /// Latest t = 0.
@@ -192,7 +203,7 @@ pub enum State {
     },
     /// Following the gait.
     Run {
-        /// End of the lease.
+        /// End of the run.
         until_us: u64,
     },
     /// Coming to rest.
@@ -334,13 +345,24 @@ pub enum Refusal {
         /// The mask that was given.
         joint_mask: u8,
     },
-    /// A lease of zero or above the limit.
+    /// A length of zero or above the limit.
+    BadDuration {
+        /// The length asked for.
+        duration_us: u64,
+        /// The longest one.
+        max_us: u64,
+    },
+    /// A lease outside its range.
     BadLease {
         /// The lease asked for.
         lease_us: u64,
-        /// The longest lease.
+        /// The shortest one.
+        min_us: u64,
+        /// The longest one.
         max_us: u64,
     },
+    /// A heartbeat, and no tethered run is under way.
+    NotTethered,
     /// A countdown above the limit.
     BadCountdown {
         /// The countdown asked for.

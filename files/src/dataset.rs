@@ -28,3 +28,4 @@ pub use manifest::{
 };
 pub use repeats::{quantum, repeat_groups};
 pub use table::{Body, JointColumns, Recording, Signal, header_name};
+pub use walk::is_inside;

@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 pub mod dataset;
+pub mod effects;
 pub mod gait;
 pub mod model;
 pub mod schema;

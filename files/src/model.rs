@@ -14,18 +14,17 @@
 //! assert_eq!(model.effect(Effect::CoulombFriction, Some(2), "torque_nm"), Some(0.3));
 //! ```
 
-mod effects;
 mod error;
 mod keys;
 mod read;
 mod write;
 
-pub use effects::{Effect, EffectInfo, EffectParam, Stage};
+pub use crate::effects::{Effect, EffectInfo, EffectParam, Stage};
 pub use error::ModelError;
-pub use keys::{Key, KeyInfo};
+pub use keys::{Key, KeyInfo, MOTORS, MotorKeys};
 
 /// Joints of the meta-module, for `joint_K`.
-pub const JOINTS: u8 = 6;
+pub const JOINTS: u8 = MOTORS.len() as u8;
 /// Version of the file format.
 pub const FORMAT: i64 = 1;
 
@@ -207,10 +206,10 @@ impl Model {
     /// As [`Model::set_effect`].
     pub fn set_effect_entry(&mut self, entry: EffectEntry) -> Result<(), ModelError> {
         let info = entry.effect.info();
-        if entry.joint.is_some() != info.per_joint || entry.joint.is_some_and(|j| j >= JOINTS) {
+        if entry.joint.is_some() != info.per_joint() || entry.joint.is_some_and(|j| j >= JOINTS) {
             return Err(ModelError::EffectJoint {
                 effect: info.name,
-                per_joint: info.per_joint,
+                per_joint: info.per_joint(),
             });
         }
         if entry.parameters.len() != info.parameters.len() {

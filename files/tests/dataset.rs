@@ -260,3 +260,116 @@ fn measured_recordings_parse() {
         }
     }
 }
+
+#[test]
+fn lines_are_counted_as_an_editor_does_whatever_ends_them() {
+    let manifest = manifest("");
+    for end in ["\n", "\r\n"] {
+        // Empty lines are skipped by the reader, not by an editor.
+        for (rows, line) in [
+            (["0,0,0", "0.1,0,0", "0.2,0,abc", "0.3,0,0"], 4),
+            (["0,0,abc", "0.1,0,0", "0.2,0,0", "0.3,0,0"], 2),
+            (["0,0,0", "", "", "0.1,0,abc"], 5),
+            (["0,0,0", "0.1,0,0", "0.2,0", "0.3,0,0"], 4),
+            (["0,0,0", "0.2,0,0", "0.1,0,0", "0.3,0,0"], 4),
+        ] {
+            for bom in ["", "\u{feff}"] {
+                let header = format!("{bom}t_s,setpoint_rad,position_rad");
+                let text = [&[header.as_str()], &rows[..]].concat().join(end) + end;
+                let error = Recording::parse("a.csv", &text, &manifest).unwrap_err();
+                let said = error.to_string();
+                assert!(
+                    said.starts_with(&format!("a.csv:{line}: ")),
+                    "{said}: {text:?}"
+                );
+                assert_eq!(said.matches("line").count(), 0, "{said}");
+            }
+        }
+    }
+}
+
+#[test]
+fn files_of_a_data_set_lie_in_its_folder() {
+    for (path, inside) in [
+        ("a.csv", true),
+        ("sub/a.csv", true),
+        ("a..b.csv", true),
+        ("", false),
+        ("/dev/zero", false),
+        ("..", false),
+        ("sub/../../a.csv", false),
+        ("..\\\\a.csv", false),
+        ("C:\\\\a.csv", false),
+        ("\\\\\\\\server\\\\a.csv", false),
+    ] {
+        for key in ["file", "frames"] {
+            let other = if key == "file" {
+                ""
+            } else {
+                "file = \"a.csv\"\n"
+            };
+            let text =
+                format!("format = 1\nrobot = \"bench\"\n[[run]]\n{other}{key} = \"{path}\"\n");
+            let parsed = Manifest::parse("dataset.toml", &text);
+            assert_eq!(parsed.is_ok(), inside, "{key} = {path}");
+        }
+    }
+}
+
+#[test]
+fn a_stated_supply_takes_the_place_of_the_models() {
+    use files::model::{Key, Model};
+    let of = |stated: &str| {
+        let text = format!(
+            "format = 1\nrobot = \"metamodule\"\n[metamodule]\n{stated}\n[[run]]\nfile = \"a.csv\"\n"
+        );
+        let parsed = Manifest::parse("dataset.toml", &text);
+        parsed.map(|(m, _)| m.stated(&Model::hand_tuned()))
+    };
+    let supply = |model: &Model| {
+        let p = model.parameter(Key::SupplyVoltage);
+        (p.value, p.tolerance)
+    };
+    assert_eq!(of("").unwrap(), Model::hand_tuned());
+    let both = of("supply_v = { value = 7.4, tolerance = 0.05 }").unwrap();
+    assert!((supply(&both).1 - 0.37).abs() < 1e-12 && supply(&both).0 == 7.4);
+    // Without a tolerance the model's relative one counts: 0.15 V of 12 V.
+    let bare = of("supply_v = 7.4").unwrap();
+    assert!((supply(&bare).1 - 7.4 * 0.15 / 12.0).abs() < 1e-12);
+    let refused = of("supply_v = 0").unwrap_err().to_string();
+    assert!(refused.contains("supply_v"), "{refused}");
+}
+
+#[test]
+fn rows_written_twice_and_joints_left_out_are_told() {
+    let warned = |manifest: &Manifest, csv: &str| -> Vec<String> {
+        let (_, warnings) = Recording::parse("a.csv", csv, manifest).unwrap();
+        warnings.iter().map(ToString::to_string).collect()
+    };
+    let bench = manifest("");
+    let twice = "t_s,setpoint_rad,position_rad\n0,0,0\n0.1,,0.1\n0.1,,0.2\n0.2,0,0.3\n";
+    let said = warned(&bench, twice);
+    assert!(
+        said[0].starts_with("a.csv:4: column `t_s`: 0.1 stands in two rows"),
+        "{said:?}"
+    );
+    // A set-point and a position of one instant may stand in rows of their own.
+    let apart = "t_s,setpoint_rad,position_rad\n0,0,0\n0.1,0.1,\n0.1,,0.2\n0.2,0,0.3\n";
+    assert!(warned(&bench, apart).is_empty());
+    let text = "format = 1\nrobot = \"metamodule\"\n[[run]]\nfile = \"a.csv\"\n";
+    let robot = Manifest::parse("dataset.toml", text).unwrap().0;
+    let header = |names: &[usize]| -> String {
+        let of = |signal: &str, k: usize| format!(",{signal}_{k}");
+        let setpoints: String = (0..6).map(|k| of("setpoint_rad", k)).collect();
+        let positions: String = names.iter().map(|k| of("position_rad", *k)).collect();
+        let cells = |t: f64| format!("{t}{}\n", format!(",{t}").repeat(6 + names.len()));
+        format!("t_s{setpoints}{positions}\n{}{}", cells(0.0), cells(0.1))
+    };
+    assert!(warned(&robot, &header(&[0, 1, 2, 3, 4, 5])).is_empty());
+    let said = warned(&robot, &header(&[0, 1, 3, 4, 5]));
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(
+        said[0].starts_with("a.csv:1: column `position_rad_2` is missing"),
+        "{said:?}"
+    );
+}

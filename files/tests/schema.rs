@@ -54,7 +54,7 @@ fn published_schemas_are_those_of_the_readers() {
         assert_eq!(
             published,
             format.schema(),
-            "run `rb-host model schema {0} > docs/schema/{0}.json`",
+            "{}: run `cargo run -p files --example docs`",
             format.name()
         );
     }
@@ -93,11 +93,11 @@ fn shipped_gaits_fit() {
 fn models_with_every_effect_fit() {
     accepted(Format::Model, &Model::hand_tuned().to_toml());
     let mut model = Model::meta_optimised();
-    for effect in Effect::all() {
+    for effect in Effect::ALL.iter().copied() {
         let info = effect.info();
         let finite = |p: &files::model::EffectParam| p.neutral.clamp(p.min, p.max.min(1e3));
         let values: Vec<f64> = info.parameters.iter().map(finite).collect();
-        let joint = info.per_joint.then_some(5);
+        let joint = info.per_joint().then_some(5);
         model.set_effect(effect, joint, &values).unwrap();
     }
     accepted(Format::Model, &model.to_toml());

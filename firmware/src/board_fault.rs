@@ -1,5 +1,6 @@
 //! The end of the road: panic, HardFault and NMI. Outputs safe, a record in RAM that survives, then a reset.
 
+use core::arch::global_asm;
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use core::ptr::addr_of_mut;
@@ -15,9 +16,44 @@ use crate::board_log;
 /// Exit codes of QEMU.
 const EXIT_PANIC: i32 = 1;
 const EXIT_FAULT: i32 = 2;
+const EXIT_STACK: i32 = 3;
 
 /// Configurable fault status register, ARMv7-M B3.2.15.
 const CFSR: *const u32 = 0xe000_ed28 as *const u32;
+
+/// Stacking errors in the CFSR: bus fault (bit 12) and memory fault (bit 4) while an exception saved registers.
+const STACKING: u32 = 1 << 12 | 1 << 4;
+/// Bytes of the frame that an exception saves, ARMv7-M B1.5.6.
+const FRAME_BYTES: u32 = 32;
+
+/// Stack of the fault handler: the one that overflowed cannot be used, and a handler that runs into it again locks the core up without a record.
+const FAULT_STACK_BYTES: usize = 2048;
+
+#[repr(align(8))]
+struct FaultStack(#[allow(dead_code, reason = "used by its address")] [u8; FAULT_STACK_BYTES]);
+
+#[unsafe(no_mangle)]
+#[unsafe(link_section = ".uninit.fault_stack")]
+static mut FAULT_STACK: MaybeUninit<FaultStack> = MaybeUninit::uninit();
+
+// Entered instead of cortex-m-rt's trampoline: hands over the address of the saved frame and EXC_RETURN's stack, after moving to the stack above. Not a
+// single push comes before that.
+global_asm!(
+    ".section .HardFaultTrampoline, \"ax\"
+    .global HardFault
+    .type HardFault,%function
+    .thumb_func
+    HardFault:
+        mrs r0, MSP
+        tst lr, #4
+        it ne
+        mrsne r0, PSP
+        ldr r1, =FAULT_STACK + {bytes}
+        msr MSP, r1
+        b _HardFault
+    .size HardFault, . - HardFault",
+    bytes = const FAULT_STACK_BYTES,
+);
 
 /// In `.uninit`: neither the start-up code nor a reset touches it.
 #[unsafe(link_section = ".uninit.crash")]
@@ -69,22 +105,43 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     end(&record, EXIT_PANIC)
 }
 
-#[exception]
-unsafe fn HardFault(frame: &ExceptionFrame) -> ! {
+unsafe extern "C" {
+    /// Lowest address of the stack, from `memory.x`.
+    static _stack_end: u32;
+    static _stack_start: u32;
+}
+
+#[unsafe(export_name = "_HardFault")]
+unsafe extern "C" fn hard_fault(frame: *const ExceptionFrame) -> ! {
     cortex_m::interrupt::disable();
     make_outputs_safe();
-    let mut record = CrashRecord::new(CrashKind::HardFault, STATE, embassy_time_driver::now());
-    record.pc = frame.pc();
-    record.lr = frame.lr();
     // SAFETY: a system register that every ARMv7-M core has.
-    record.detail = unsafe { CFSR.read_volatile() };
+    let cfsr = unsafe { CFSR.read_volatile() };
+    let (bottom, top) = (&raw const _stack_end as u32, &raw const _stack_start as u32);
+    let at = frame as u32;
+    let saved = at >= bottom && at.saturating_add(FRAME_BYTES) <= top;
+    // Below its end, or where the frame could not be saved: the stack ran out.
+    let overflow = at < bottom.saturating_add(FRAME_BYTES) || cfsr & STACKING != 0;
+    let kind = if overflow {
+        CrashKind::StackOverflow
+    } else {
+        CrashKind::HardFault
+    };
+    let mut record = CrashRecord::new(kind, STATE, embassy_time_driver::now());
+    record.detail = cfsr;
+    if saved && cfsr & STACKING == 0 {
+        // SAFETY: the whole frame lies in the stack, and the exception has just saved it there.
+        let frame = unsafe { &*frame };
+        (record.pc, record.lr) = (frame.pc(), frame.lr());
+    }
     defmt::error!(
-        "HardFault: pc {=u32:#x} lr {=u32:#x} cfsr {=u32:#x}",
+        "HardFault: stack {=bool} pc {=u32:#x} lr {=u32:#x} cfsr {=u32:#x}",
+        overflow,
         record.pc,
         record.lr,
         record.detail
     );
-    end(&record, EXIT_FAULT)
+    end(&record, if overflow { EXIT_STACK } else { EXIT_FAULT })
 }
 
 /// Flash ECC raises the NMI. A two-bit error becomes a flag that the slot store turns into an error value.

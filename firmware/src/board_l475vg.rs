@@ -12,29 +12,34 @@ use control::motion::MotionParams;
 use embassy_executor::Spawner;
 use embassy_stm32::adc::{Adc, SampleTime};
 use embassy_stm32::gpio::{Input, Pull};
+use embassy_stm32::interrupt::typelevel as irq;
 use embassy_stm32::peripherals::{ADC1, IWDG, PC5, UART4, USART1, USART2};
 use embassy_stm32::rcc::{
     MSIRange, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk, mux::Clk48sel,
 };
-use embassy_stm32::rng::Rng;
 use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart, Config as UartConfig};
 use embassy_stm32::wdg::IndependentWatchdog;
-use embassy_stm32::{Peri, Peripherals, bind_interrupts, pac, peripherals, rng, uid};
+use embassy_stm32::{Peri, Peripherals, bind_interrupts, pac, peripherals, uid};
 use firmware::app::App;
 use firmware::crash::BLOCK_BYTES;
+use firmware::entropy::EntropyError;
 use firmware::ports::{Board, LinkKind, LinkPort, ResetCause};
 use firmware::tasks;
 use static_cell::{ConstStaticCell, StaticCell};
 
 use crate::board_clock::SysTickClock;
+use crate::board_rng::BoardRng;
 use crate::board_store::FlashStore;
-use crate::board_uart::{UartBus, UartLinkRx, UartLinkTx};
+use crate::board_uart::{ErrorHook, UartBus, UartLinkRx, UartLinkTx, Watch, Watched};
 use crate::{board_clock, board_fault, board_log};
 
 /// HSI16 x 10 / 2.
 const CORE_HZ: u32 = 80_000_000;
 /// Motor bus speed; every byte takes 10 us.
 const BUS_BAUD: u32 = 1_000_000;
+/// The bus driver is on this long before the start bit and after the stop bit, sixteenths of a bit: one bit, 1 us. The transceiver needs a time to switch
+/// over, and a start bit that begins with the enable signal is short by it. embassy 0.6 writes the first of the two numbers into both fields.
+const DRIVER_ENABLE: u8 = 16;
 /// Host link speed on both ports.
 const LINK_BAUD: u32 = 115_200;
 /// Watchdog period: the bound of the `Board` trait.
@@ -58,11 +63,32 @@ const ADC_FULL_SCALE: u32 = 4095;
 const BATTERY_FITTED_MV: u16 = 1000;
 
 bind_interrupts!(struct Interrupts {
-    USART1 => BufferedInterruptHandler<USART1>;
-    USART2 => BufferedInterruptHandler<USART2>;
-    UART4 => BufferedInterruptHandler<UART4>;
-    RNG => rng::InterruptHandler<peripherals::RNG>;
+    USART1 => ErrorHook<irq::USART1>, BufferedInterruptHandler<USART1>;
+    USART2 => ErrorHook<irq::USART2>, BufferedInterruptHandler<USART2>;
+    UART4 => ErrorHook<irq::UART4>, BufferedInterruptHandler<UART4>;
 });
+
+static WIRE_WATCH: Watch = Watch::new(pac::USART1, LINK_RX_RING);
+static BUS_WATCH: Watch = Watch::new(pac::USART2, BUS_RX_RING);
+static RADIO_WATCH: Watch = Watch::new(pac::UART4, LINK_RX_RING);
+
+impl Watched for irq::USART1 {
+    fn watch() -> &'static Watch {
+        &WIRE_WATCH
+    }
+}
+
+impl Watched for irq::USART2 {
+    fn watch() -> &'static Watch {
+        &BUS_WATCH
+    }
+}
+
+impl Watched for irq::UART4 {
+    fn watch() -> &'static Watch {
+        &RADIO_WATCH
+    }
+}
 
 /// The motor bus of this board.
 pub(crate) type Bus = UartBus<BUS_TX_RING>;
@@ -111,7 +137,7 @@ fn reset_cause() -> ResetCause {
 pub(crate) struct L475 {
     adc: Adc<'static, ADC1>,
     battery: Peri<'static, PC5>,
-    rng: Rng<'static, peripherals::RNG>,
+    rng: BoardRng,
     watchdog: IndependentWatchdog<'static, IWDG>,
     stop: Input<'static>,
     cause: ResetCause,
@@ -137,10 +163,8 @@ impl Board for L475 {
         uid::uid()
     }
 
-    fn entropy(&mut self) -> [u8; 16] {
-        let mut bytes = [0; 16];
-        self.rng.fill_bytes(&mut bytes);
-        bytes
+    fn entropy(&mut self) -> Result<[u8; 16], EntropyError> {
+        self.rng.seed()
     }
 
     fn pet_watchdog(&mut self) {
@@ -185,12 +209,17 @@ fn motor_bus(
     static RX: StaticCell<[u8; BUS_RX_RING]> = StaticCell::new();
     let mut config = UartConfig::default();
     config.baudrate = BUS_BAUD;
+    (config.de_assertion_time, config.de_deassertion_time) = (DRIVER_ENABLE, DRIVER_ENABLE);
     let (tx_ring, rx_ring) = (TX.init([0; BUS_TX_RING]), RX.init([0; BUS_RX_RING]));
     let uart = defmt::unwrap!(
         BufferedUart::new_with_de(usart, rx, tx, enable, Interrupts, tx_ring, rx_ring, config).ok()
     );
     let (tx, rx) = uart.split();
-    UartBus { tx, rx }
+    UartBus {
+        tx,
+        rx,
+        watch: &BUS_WATCH,
+    }
 }
 
 fn wire_link(
@@ -207,7 +236,7 @@ fn wire_link(
     let (tx, rx) = uart.split();
     LinkPort {
         kind: LinkKind::Wire,
-        rx: UartLinkRx(rx),
+        rx: UartLinkRx(rx, &WIRE_WATCH),
         tx: UartLinkTx(tx),
     }
 }
@@ -226,7 +255,7 @@ fn radio_link(
     let (tx, rx) = uart.split();
     LinkPort {
         kind: LinkKind::Radio,
-        rx: UartLinkRx(rx),
+        rx: UartLinkRx(rx, &RADIO_WATCH),
         tx: UartLinkTx(tx),
     }
 }
@@ -237,7 +266,7 @@ fn fit(p: Peripherals, cause: ResetCause) -> Fitted {
     let board = L475 {
         adc: Adc::new(p.ADC1),
         battery: p.PC5,
-        rng: Rng::new(p.RNG, Interrupts),
+        rng: BoardRng::new(p.RNG),
         watchdog,
         stop: Input::new(p.PD14, Pull::Up),
         cause,

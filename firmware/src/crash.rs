@@ -39,7 +39,7 @@ pub enum CrashKind {
     Panic = 1,
     /// HardFault, bus, usage or memory fault: pc, lr; detail = CFSR.
     HardFault = 2,
-    /// Stack overflow found by the layout (flip-link) or the guard.
+    /// The stack ran out: there is no memory below it, so the access faults. pc and lr are 0 where they could not be saved.
     StackOverflow = 3,
     /// Non-maskable interrupt that was not a flash ECC read.
     Nmi = 4,

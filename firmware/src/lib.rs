@@ -5,6 +5,7 @@
 //!
 //! * [`app`]: the sans-I/O core. Messages and driver replies in, set-points, replies and telemetry out. Reads no clock.
 //! * [`slots`], [`crash`]: flash records and the fault block as bytes.
+//! * [`entropy`]: the test of the random number generator and the seed of challenges.
 //! * [`tasks`]: async loops that move bytes between the core and the traits; [`tasks::run`] joins them all.
 //! * [`ports`]: the traits that a board implements.
 #![cfg_attr(not(test), no_std)]
@@ -22,6 +23,7 @@
 
 pub mod app;
 pub mod crash;
+pub mod entropy;
 pub mod ports;
 pub mod shared;
 pub mod slots;

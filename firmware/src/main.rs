@@ -15,6 +15,8 @@ mod board_l475vg;
 #[cfg(target_os = "none")]
 mod board_log;
 #[cfg(target_os = "none")]
+mod board_rng;
+#[cfg(target_os = "none")]
 mod board_store;
 #[cfg(target_os = "none")]
 mod board_uart;

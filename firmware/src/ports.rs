@@ -4,6 +4,7 @@
 //! Every method says what the implementer owes. None of them may block longer than its documentation allows,
 //! because all tasks share one thread and the 20 Hz cycle runs on it.
 
+use crate::entropy::EntropyError;
 use core::future::Future;
 
 /// Monotonic time since boot. Never wraps within the life of a boot (u64 microseconds).
@@ -164,8 +165,8 @@ pub trait Board {
     fn unique_id(&self) -> [u8; 12];
 
     /// 16 bytes that differ at every boot. A hardware random number generator on silicon; an emulator gives seeded bytes.
-    /// They seed the boot id and the challenges.
-    fn entropy(&mut self) -> [u8; 16];
+    /// They seed the boot id and the challenges; a generator that fails its test ([`crate::entropy::collect`]) gives an error, never a guess. Bounded.
+    fn entropy(&mut self) -> Result<[u8; 16], EntropyError>;
 
     /// Restarts the independent watchdog (period <= 200 ms). Called once per complete cycle and nowhere else.
     fn pet_watchdog(&mut self);

@@ -24,6 +24,9 @@ pub const LINKS: usize = 2;
 pub const BUS_BYTE_US: u64 = 10;
 /// Bytes taken from a link at once: bounds what one poll decodes (64 bytes at 115200 baud take 5.6 ms to arrive).
 const RX_CHUNK: usize = 64;
+/// Turns of one exchange: a turn that is not the last brings a byte or an error, and a byte takes 10 us. The longest wait is 36 ms: a slice
+/// of a raw packet's listening, 30 ms, and the longest packet both ways, 6 ms.
+const MAX_TURNS: u32 = 4_000;
 /// Largest bus packet either way: sync read reply of one driver, sync write of six, or a raw packet of the host.
 pub(crate) const BUS_BUFFER: usize = 320;
 
@@ -167,7 +170,9 @@ async fn exchange<C: Clock, B: BusPort>(
     let give_up_us = start_us
         .saturating_add(bytes.saturating_mul(BUS_BYTE_US))
         .saturating_add(gap_us);
-    loop {
+    // A line that never falls silent, or a port that reports one error after the other, always has something to read: so the time is asked at every turn,
+    // and the turns are counted for a clock that stands still.
+    for _ in 0..MAX_TURNS {
         match select(bus.read(&mut rx), clock.sleep_until_us(give_up_us)).await {
             Either::First(Ok(len)) => {
                 let bytes = rx.get(..len).unwrap_or(&[]);
@@ -176,12 +181,13 @@ async fn exchange<C: Clock, B: BusPort>(
                 }
             }
             Either::First(Err(error)) => shared.with(|app| app.bus_error(error)),
-            Either::Second(()) => {
-                shared.with(|app| app.bus_silent());
-                return;
-            }
+            Either::Second(()) => break,
+        }
+        if clock.now_us() >= give_up_us {
+            break;
         }
     }
+    shared.with(|app| app.bus_silent());
 }
 
 async fn work<C: Clock, S: SlotStore>(
@@ -214,7 +220,7 @@ async fn receive<C: Clock, R: LinkRx>(
                 let bytes = chunk.get(..len).unwrap_or(&[]);
                 shared.with(|app| app.link_received(link, bytes, clock.now_us()));
             }
-            Err(error) => shared.with(|app| app.link_error(link, error)),
+            Err(error) => shared.with(|app| app.link_error(link, error, clock.now_us())),
         }
         wake.senders();
         wake.work.notify();
@@ -236,6 +242,70 @@ async fn send<T: LinkTx>(link: usize, mut tx: T, shared: &Shared<&mut App>, wake
                 Ok(taken) => left = left.get(taken..).unwrap_or(&[]),
                 // The rest of this frame is lost; the next one starts with a delimiter.
                 Err(_) => left = &[],
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ports::PortError;
+    use control::motion::MotionParams;
+    use core::cell::Cell;
+
+    /// A bus that always has something to read, and counts how often it was asked.
+    struct Babble {
+        gives: Result<usize, PortError>,
+        reads: u32,
+    }
+
+    impl BusPort for Babble {
+        async fn write_all(&mut self, _bytes: &[u8]) -> Result<(), PortError> {
+            Ok(())
+        }
+        async fn read(&mut self, into: &mut [u8]) -> Result<usize, PortError> {
+            into.fill(0x55);
+            self.reads += 1;
+            self.gives
+        }
+        fn discard_input(&mut self) {}
+    }
+
+    /// Goes on by `step_us` each time it is read: a processor that takes time.
+    struct Slow {
+        now_us: Cell<u64>,
+        step_us: u64,
+    }
+
+    impl Clock for Slow {
+        fn now_us(&self) -> u64 {
+            self.now_us.set(self.now_us.get() + self.step_us);
+            self.now_us.get()
+        }
+        async fn sleep_until_us(&self, at_us: u64) {
+            if self.now_us.get() < at_us {
+                core::future::pending::<()>().await;
+            }
+        }
+    }
+
+    #[test]
+    fn a_line_that_never_falls_silent_does_not_hold_the_cycle() {
+        for gives in [Ok(1), Ok(RX_CHUNK), Err(PortError::Noise)] {
+            // Byte times as they are, and a clock that stands still.
+            for (step_us, most) in [(BUS_BYTE_US, 300), (0, MAX_TURNS)] {
+                let mut app = App::new(MotionParams::default());
+                let shared = Shared::new(&mut app);
+                let clock = Slow {
+                    now_us: Cell::new(1_000),
+                    step_us,
+                };
+                let mut bus = Babble { gives, reads: 0 };
+                let packet = [0xFF; 14];
+                embassy_futures::block_on(exchange(&shared, &clock, &mut bus, &packet, 180, 600));
+                assert!(bus.reads <= most, "{gives:?}: {} readings", bus.reads);
+                assert!(clock.now_us.get() <= 1_000 + 14 * 10 + 180 * 10 + 600 + 4 * step_us);
             }
         }
     }

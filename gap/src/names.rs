@@ -14,7 +14,7 @@ pub fn parameters(problem: &Problem, c: &Candidate, params: &Params) -> Vec<(&'s
     let first = c.free.first().map_or(0.0, |f| g(f.p));
     let supply = problem.runs.first().map_or(1.0, |r| r.nominal.supply_v);
     match c.effect {
-        Effect::JointSign => Vec::new(),
+        Effect::JointSign => vec![("sign", -1.0)],
         Effect::Jitter | Effect::PacketLoss => {
             let r = regularity(&problem.runs);
             let value = r.map_or(0.0, |r| match c.effect {
@@ -25,7 +25,7 @@ pub fn parameters(problem: &Problem, c: &Candidate, params: &Params) -> Vec<(&'s
                 .parameters()
                 .iter()
                 .take(1)
-                .map(|k| (*k, value))
+                .map(|k| (k.key, value))
                 .collect()
         }
         Effect::SupplyVoltage => vec![("value_v", supply * g(P::Supply))],
@@ -56,7 +56,12 @@ pub fn parameters(problem: &Problem, c: &Candidate, params: &Params) -> Vec<(&'s
         Effect::GravityLoad if c.free.iter().any(|f| f.p == P::Weight) => {
             vec![("torque_nm", g(P::Weight))]
         }
-        e => e.parameters().iter().take(1).map(|k| (*k, first)).collect(),
+        e => e
+            .parameters()
+            .iter()
+            .take(1)
+            .map(|k| (k.key, first))
+            .collect(),
     }
 }
 

@@ -247,6 +247,8 @@ pub struct Provenance {
     pub split: String,
     /// Wall time, s.
     pub wall_time_s: f64,
+    /// What the reader of the data set left out or assumed, such as a key that it does not know.
+    pub warnings: Vec<String>,
 }
 
 /// The verdict.

@@ -279,6 +279,7 @@ pub fn diagnose(
     model: &Model,
     settings: &Settings,
 ) -> Result<Diagnosis, WholeError> {
+    let model = &manifest.stated(model);
     let params = Arc::new(Params::try_from(model)?);
     let task = Task {
         manifest,

@@ -62,6 +62,29 @@ fn dry_friction_stops_a_coasting_joint_after_the_right_angle() {
 }
 
 #[test]
+fn sticking_friction_balances_where_the_bell_says() {
+    let (viscous, stick, width) = (2.0, 0.3, 0.4);
+    for speed in [0.2, 0.4, 0.7, 1.5] {
+        // Stable: the bell falls by less than the viscous friction rises.
+        let bell = libm::exp(-(speed / width) * (speed / width));
+        let push = viscous * speed + stick * bell;
+        let text = rows(400, 0.005, 0.0, 1, |_| push).replace("_rad,enable", "_nm,enable");
+        let p = run("command = \"effort\"\ninertia_kg_m2 = 0.02\n", &text);
+        let planted = Params::default()
+            .with(P::Viscous, viscous)
+            .with(P::Static, stick)
+            .with(P::StribeckSpeed, width);
+        let mut first = p.runs[0].clone();
+        first.edges[0].velocity = speed;
+        let mut trace = Trace::new();
+        simulate(&first, &planted, p.dt_s, &mut trace);
+        let n = trace.len();
+        let reached = (trace[n - 1][0] - trace[n - 101][0]) / 0.5;
+        assert!((reached - speed).abs() < 1e-3, "{reached} {speed}");
+    }
+}
+
+#[test]
 fn a_delay_moves_the_answer_and_nothing_else() {
     let bench = "inertia_kg_m2 = 0.01\n[bench.controller]\nkind = \"pid\"\nkp = 4.0\nkd = 0.4\noutput = \"effort\"\n";
     let p = run(

@@ -294,6 +294,25 @@ fn motors_tell_of_an_order_that_a_loose_connector_hides() {
 }
 
 #[test]
+fn a_stated_supply_is_no_error_of_the_robot() {
+    let plan = |stated| Plan {
+        gaits: 3,
+        motors: true,
+        bus_v: 7.4,
+        stated,
+        ..Plan::default()
+    };
+    let names = |stated| -> Vec<String> {
+        let v = verdict(&plan(stated), &Reality::default());
+        v.effects.iter().map(|e| e.effect.name().into()).collect()
+    };
+    let said = names("[metamodule]\nsupply_v = { value = 7.4, tolerance = 0.02 }\n");
+    assert!(!said.contains(&"supply_voltage".into()), "{said:?}");
+    // The same robot against the shipped model, which states 12 V.
+    assert!(names("").contains(&"supply_voltage".into()));
+}
+
+#[test]
 fn a_zero_that_drifts_is_no_offset() {
     let reality = Reality {
         zero_rad_s: [0.0, 0.0, 0.03, 0.0, 0.0, 0.0],

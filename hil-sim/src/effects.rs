@@ -275,6 +275,24 @@ mod tests {
         WorldParams::metamodule(1, JointKind::neutral)
     }
 
+    /// Names and keys are written here once more, so that reality does not lean on the diagnosis; they must still agree.
+    #[test]
+    fn names_and_keys_are_those_of_the_registry() {
+        for (name, keys) in VOCABULARY {
+            let effect = files::effects::Effect::from_name(name);
+            let known: Vec<&str> = effect
+                .expect(name)
+                .parameters()
+                .iter()
+                .map(|p| p.key)
+                .collect();
+            assert_eq!(known, *keys, "{name}");
+        }
+        for (name, _) in OUTSIDE {
+            assert_eq!(files::effects::Effect::from_name(name), None, "{name}");
+        }
+    }
+
     #[test]
     fn every_named_parameter_changes_something_on_its_joint_only() {
         for (effect, keys) in VOCABULARY.iter().chain(OUTSIDE) {

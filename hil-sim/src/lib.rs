@@ -11,14 +11,13 @@
 //! - `board`: the firmware image in QEMU, on Unix
 //! - [`robot`]: the firmware application run natively against all of the above
 //!
-//! - [`recorder`]: data sets with a known truth; [`bench_cases`], [`robot_cases`]: blind cases of one joint and of the whole robot
+//! - [`recorder`]: data sets with a known truth
 //! - [`endpoint`], [`pace`]: pseudo-terminal, TCP, serial port, and the wall clock for foreign clients
 //!
 //! Everything but the last line is deterministic: time and seeds are arguments.
 
 #![forbid(unsafe_code)]
 
-pub mod bench_cases;
 #[cfg(unix)]
 pub mod board;
 pub mod body;
@@ -36,7 +35,6 @@ pub mod plant;
 pub mod recorder;
 pub mod rng;
 pub mod robot;
-pub mod robot_cases;
 pub mod scenario;
 pub mod supply;
 pub mod world;

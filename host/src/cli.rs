@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ColorChoice, Parser};
+use clap::{Args, ColorChoice, CommandFactory, Parser};
 
 use crate::cmd::Command;
+use crate::output::{Level, Output};
 
 /// The whole command line.
 #[derive(Debug, Parser)]
@@ -35,13 +36,19 @@ pub struct Global {
     #[arg(short, long, global = true, value_name = "URI")]
     pub port: Option<String>,
     /// Baud rate of a serial port [env: RB_BAUD] [default: 115200]
-    #[arg(short, long, global = true, value_name = "N")]
+    #[arg(short, long, global = true, hide_short_help = true, value_name = "N")]
     pub baud: Option<u32>,
     /// Longest wait for an answer, such as 2s or 500ms [env: RB_TIMEOUT] [default: 2s]
-    #[arg(long, global = true, value_name = "TIME", value_parser = parse_duration)]
+    #[arg(long, global = true, hide_short_help = true, value_name = "TIME", value_parser = parse_duration)]
     pub timeout: Option<std::time::Duration>,
     /// Configuration file instead of rb.toml [env: RB_CONFIG]
-    #[arg(short, long, global = true, value_name = "FILE")]
+    #[arg(
+        short,
+        long,
+        global = true,
+        hide_short_help = true,
+        value_name = "FILE"
+    )]
     pub config: Option<PathBuf>,
     /// One JSON document (streams: one per line) on standard output
     #[arg(long, global = true)]
@@ -53,11 +60,36 @@ pub struct Global {
     #[arg(short, long, global = true)]
     pub verbose: bool,
     /// Colour of messages (NO_COLOR is respected)
-    #[arg(long, global = true, value_name = "WHEN", default_value = "auto")]
+    #[arg(
+        long,
+        global = true,
+        hide_short_help = true,
+        value_name = "WHEN",
+        default_value = "auto"
+    )]
     pub color: ColorChoice,
     /// Do not ask, answer yes
-    #[arg(long, global = true)]
+    #[arg(long, global = true, hide_short_help = true)]
     pub yes: bool,
+}
+
+/// The whole command line with the examples at the end of every help.
+#[must_use]
+pub fn command() -> clap::Command {
+    crate::examples::add(Cli::command())
+}
+
+impl Global {
+    /// Where and how to print.
+    #[must_use]
+    pub fn output(&self) -> Output {
+        let level = match (self.quiet, self.verbose) {
+            (true, _) => Level::Quiet,
+            (_, true) => Level::Verbose,
+            _ => Level::Normal,
+        };
+        Output::new(level, self.json, self.color)
+    }
 }
 
 /// Reads `30s`, `500ms`, `2min`, `1h` or a plain number of seconds.

@@ -1,5 +1,6 @@
 //! What every command gets: settings, output, and the way to a robot.
 
+use std::io::IsTerminal;
 use std::time::Duration;
 
 use control::robot::RobotModel;
@@ -33,15 +34,9 @@ impl Context {
     ///
     /// # Errors
     /// A bad configuration file or environment variable.
-    pub fn new(global: &Global) -> Outcome<Self> {
-        let level = match (global.quiet, global.verbose) {
-            (true, _) => Level::Quiet,
-            (_, true) => Level::Verbose,
-            _ => Level::Normal,
-        };
-        let out = Output::new(level, global.json, global.color);
+    pub fn new(global: &Global, out: Output) -> Outcome<Self> {
+        interrupt::install(out.level == Level::Quiet);
         let settings = Settings::gather(global)?;
-        interrupt::install();
         Ok(Self {
             out,
             settings,
@@ -87,6 +82,33 @@ impl Context {
     /// # Errors
     /// Exit code 4 when several robots answer.
     pub fn port(&self) -> Outcome<PortUri> {
+        Ok(self.found_port()?.unwrap_or_else(|| {
+            self.out.warn(
+                "NO ROBOT FOUND: using the EMULATED robot in this process. Nothing real will move. \
+                 Give --port to choose one, or --port sim: to silence this.",
+            );
+            PortUri::Sim(None)
+        }))
+    }
+
+    /// The port for a command that records or moves. Without a person at a terminal who reads the warning, the emulated robot is
+    /// only taken when it was named: a loose cable must not become a recording.
+    ///
+    /// # Errors
+    /// Exit code 4 when several robots answer, 2 when none does and nobody reads a warning.
+    pub fn port_to_move(&self) -> Outcome<PortUri> {
+        if std::io::stdin().is_terminal() {
+            return self.port();
+        }
+        self.found_port()?.ok_or_else(|| {
+            let message = "no robot was found, and a command that moves or records takes the emulated one only when it is named";
+            Failure::say(Exit::Usage, message)
+                .hint("give -p sim: for the emulated robot, or name the robot's port with -p; `rb-host doctor` looks for it")
+        })
+    }
+
+    /// The port as set, or the only device that answers; `None` where there is none.
+    fn found_port(&self) -> Outcome<Option<PortUri>> {
         let setting = self.settings.get(Key::Port);
         if !setting.value.is_empty() {
             self.out.detail(format_args!(
@@ -96,20 +118,15 @@ impl Context {
             return setting
                 .value
                 .parse()
+                .map(Some)
                 .map_err(|e| Failure::new(Exit::Usage, anyhow::Error::new(e)));
         }
         let answered = self.probe();
         match answered.as_slice() {
-            [] => {
-                self.out.warn(
-                    "NO ROBOT FOUND: using the EMULATED robot in this process. Nothing real will move. \
-                     Give --port to choose one, or --port sim: to silence this.",
-                );
-                Ok(PortUri::Sim(None))
-            }
+            [] => Ok(None),
             [only] => {
                 self.out.say(format_args!("port {}", only.path.display()));
-                Ok(only.uri())
+                Ok(Some(only.uri()))
             }
             several => {
                 let list: Vec<String> = several

@@ -39,9 +39,17 @@ pub fn read_text(path: &Path, limit: usize) -> Result<String, TextFileError> {
         path: path.to_owned(),
         source,
     };
-    let file = std::fs::File::open(path).map_err(io)?;
+    read(std::fs::File::open(path).map_err(io)?, path, limit)
+}
+
+fn read(input: impl Read, path: &Path, limit: usize) -> Result<String, TextFileError> {
+    let io = |source| TextFileError::Io {
+        path: path.to_owned(),
+        source,
+    };
     let mut bytes = Vec::new();
-    file.take(limit as u64 + 1)
+    input
+        .take(limit as u64 + 1)
         .read_to_end(&mut bytes)
         .map_err(io)?;
     String::from_utf8(bytes).map_err(|e| {
@@ -53,14 +61,41 @@ pub fn read_text(path: &Path, limit: usize) -> Result<String, TextFileError> {
     })
 }
 
-/// Reads and validates a gait file.
+/// Reads and validates a gait file: TOML, or the JSON that `gait convert` writes. `-` is standard input.
 ///
 /// # Errors
 /// Exit code 3, with file, line and what to do.
 pub fn load(path: &Path) -> Outcome<Gait> {
-    let text =
-        read_text(path, files::gait::MAX_BYTES).map_err(|e| Failure::new(Exit::BadFile, e))?;
-    Ok(files::gait::parse(&path.display().to_string(), &text)?)
+    let (name, text) = if path == Path::new("-") {
+        let input = std::io::stdin().lock();
+        (
+            "standard input".to_owned(),
+            read(input, path, files::gait::MAX_BYTES),
+        )
+    } else {
+        let text = read_text(path, files::gait::MAX_BYTES);
+        (path.display().to_string(), text)
+    };
+    let text = text.map_err(|e| Failure::new(Exit::BadFile, e))?;
+    if text.trim_start().starts_with('{') && text.len() <= files::gait::MAX_BYTES {
+        return from_json(&name, &text);
+    }
+    Ok(files::gait::parse(&name, &text)?)
+}
+
+/// A gait as JSON has the keys and values of its TOML.
+fn from_json(name: &str, text: &str) -> Outcome<Gait> {
+    let value: toml::Table = serde_json::from_str(text).map_err(|e| {
+        Failure::say(
+            Exit::BadFile,
+            format!("{name}:{}: not valid JSON: {e}", e.line()),
+        )
+    })?;
+    let toml =
+        toml::to_string(&value).map_err(|e| Failure::say(Exit::BadFile, format!("{name}: {e}")))?;
+    // Lines of the TOML are not those of the file; the key says where.
+    let name = format!("{name} (JSON, read as TOML)");
+    Ok(files::gait::parse(&name, &toml)?)
 }
 
 /// What the host check found out about an acceptable gait.

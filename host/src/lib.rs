@@ -6,14 +6,17 @@
 #![forbid(unsafe_code)]
 
 use std::ffi::OsString;
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
-use clap::Parser;
+use clap::{ColorChoice, FromArgMatches};
 
 pub mod bus_way;
 pub mod cli;
 pub mod cmd;
 pub mod context;
+pub mod disk;
+pub mod examples;
 pub mod failure;
 pub mod faults;
 pub mod gait_file;
@@ -29,34 +32,48 @@ pub mod runner;
 pub mod searching;
 pub mod settings;
 pub mod takes;
+pub mod terminal;
 pub mod upload;
 
 use cli::Cli;
 use context::Context;
 use failure::Exit;
+use output::{Level, Output};
 
 /// Runs one command line and gives the process exit code.
 pub fn run(args: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let cli = match Cli::try_parse_from(args) {
+    let parsed = cli::command()
+        .try_get_matches_from(args)
+        .and_then(|matches| Cli::from_arg_matches(&matches));
+    let cli = match parsed {
         Ok(cli) => cli,
-        Err(error) => {
-            // Help and version are no failure; clap writes them to standard output itself.
-            let code = if error.use_stderr() {
-                Exit::Usage
-            } else {
-                Exit::Ok
-            };
-            let _ = error.print();
-            return ExitCode::from(code.code());
-        }
+        Err(error) => return parse_failed(&error),
     };
-    let json = cli.global.json;
-    let result = Context::new(&cli.global).and_then(|context| cli.command.run(&context));
+    let out = cli.global.output();
+    let result = Context::new(&cli.global, out.clone())
+        .and_then(|context| out.settle(cli.command.run(&context)));
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            output::print_failure(&failure, json);
+            out.failure(&failure);
             ExitCode::from(failure.exit().code())
         }
+    }
+}
+
+/// Help and version are no failure; clap writes them to standard output itself.
+fn parse_failed(error: &clap::Error) -> ExitCode {
+    let code = if error.use_stderr() {
+        Exit::Usage
+    } else {
+        Exit::Ok
+    };
+    match error.print().and_then(|()| std::io::stdout().flush()) {
+        Err(lost) if code == Exit::Ok && lost.kind() != ErrorKind::BrokenPipe => {
+            Output::new(Level::Normal, false, ColorChoice::Auto)
+                .failure(&output::cannot_print(&lost));
+            ExitCode::from(Exit::Other.code())
+        }
+        _ => ExitCode::from(code.code()),
     }
 }

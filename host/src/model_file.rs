@@ -4,6 +4,7 @@ use std::path::Path;
 
 use files::model::Model;
 
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 
 /// Reads a model; `None` is the shipped hand-tuned one.
@@ -15,7 +16,7 @@ pub fn load(path: Option<&Path>) -> Outcome<Model> {
         return Ok(Model::hand_tuned());
     };
     let shown = path.display().to_string();
-    let text = std::fs::read_to_string(path)
+    let text = disk::read_text(path, disk::MAX_TEXT)
         .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
     Model::parse(&shown, &text).map_err(|error| Failure::new(Exit::BadFile, error))
 }

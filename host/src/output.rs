@@ -1,13 +1,20 @@
 //! What is said, and where: data on standard output, everything for people on standard error.
+//!
+//! Every text goes through [`crate::terminal`], so that nothing that stands in a file steers the terminal. A standard output that
+//! takes no more ends the command: silently when the reader has gone (`| head`), with exit code 1 when the disk is full.
 
-use std::io::{IsTerminal, Write};
+use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::path::Path;
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use clap::ColorChoice;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
-use crate::failure::{Exit, Failure};
+use crate::failure::{Exit, Failure, Outcome};
+use crate::interrupt;
+use crate::terminal;
 
 /// How talkative the command is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -29,6 +36,10 @@ pub struct Output {
     pub json: bool,
     /// Colour on standard error.
     pub color: bool,
+    /// The progress bars, so that lines and bars do not write over each other.
+    bars: MultiProgress,
+    /// Why standard output takes no more.
+    lost: Arc<OnceLock<io::Error>>,
 }
 
 impl Output {
@@ -39,69 +50,194 @@ impl Output {
             ColorChoice::Always => true,
             ColorChoice::Never => false,
             ColorChoice::Auto => {
-                std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
+                io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none()
             }
         };
-        Self { level, json, color }
+        Self {
+            level,
+            json,
+            color,
+            bars: MultiProgress::new(),
+            lost: Arc::default(),
+        }
     }
 
     /// A line of prose on standard error.
     pub fn say(&self, message: impl core::fmt::Display) {
         if self.level >= Level::Normal {
-            eprintln!("{message}");
+            self.line(&message.to_string());
         }
     }
 
     /// A detail, shown with `--verbose`.
     pub fn detail(&self, message: impl core::fmt::Display) {
         if self.level >= Level::Verbose {
-            eprintln!("{message}");
+            self.line(&message.to_string());
         }
+    }
+
+    /// Tells that a file or folder was written.
+    pub fn wrote(&self, path: &Path) {
+        self.say(format_args!("wrote {}", path.display()));
+    }
+
+    /// A question at a terminal, shown even with `--quiet`; the answer stands on the same line.
+    pub fn ask(&self, question: &str) {
+        let mut err = io::stderr();
+        let _ = write!(err, "{} ", terminal::clean(question)).and_then(|()| err.flush());
     }
 
     /// Something the user must not miss, shown even with `--quiet`.
     pub fn warn(&self, message: impl core::fmt::Display) {
-        if self.color {
-            eprintln!("\u{1b}[33mwarning\u{1b}[0m: {message}");
+        self.labelled("warning", YELLOW, &message.to_string());
+    }
+
+    /// An error that does not end the command yet.
+    pub fn error(&self, failure: &Failure) {
+        self.labelled("error", RED, &failure.to_string());
+    }
+
+    fn labelled(&self, word: &str, colour: &str, message: &str) {
+        let message = terminal::cut(message);
+        let message = terminal::clean(&message);
+        let line = if self.color {
+            format!("{colour}{word}{PLAIN}: {message}")
         } else {
-            eprintln!("warning: {message}");
-        }
+            format!("{word}: {message}")
+        };
+        self.raw_line(&line);
+    }
+
+    /// A line for people on standard error.
+    fn line(&self, message: &str) {
+        self.raw_line(&terminal::clean(message));
+    }
+
+    /// Standard error may be closed or full; there is nobody left to tell then.
+    fn raw_line(&self, line: &str) {
+        self.bars.suspend(|| {
+            let _ = writeln!(io::stderr(), "{line}");
+        });
     }
 
     /// The result: `text` for people or `value` with its `schema` name for programs.
-    ///
-    /// A closed pipe downstream (`| head`) ends the output quietly.
     pub fn result(&self, schema: &str, value: Value, text: impl FnOnce() -> String) {
-        let mut out = std::io::stdout().lock();
-        let _ = if self.json {
-            writeln!(out, "{}", with_schema(schema, value))
+        if self.json {
+            let document = with_schema(schema, value).to_string();
+            self.put(&format!("{}\n", terminal::clean_json(&document)));
+            return;
+        }
+        let text = text();
+        let end = if text.is_empty() || text.ends_with('\n') {
+            ""
         } else {
-            let text = text();
-            let end = if text.is_empty() || text.ends_with('\n') {
-                ""
-            } else {
-                "\n"
-            };
-            write!(out, "{text}{end}")
+            "\n"
         };
-        let _ = out.flush();
+        self.put(&format!("{}{end}", terminal::clean(&text)));
+    }
+
+    /// A document of the program's own making: a schema, a shell script, a screen.
+    pub fn document(&self, text: &str) {
+        self.put(text);
+    }
+
+    /// The only way to standard output.
+    fn put(&self, text: &str) {
+        if self.lost.get().is_some() || text.is_empty() {
+            return;
+        }
+        let written = self.bars.suspend(|| {
+            let mut out = io::stdout().lock();
+            out.write_all(text.as_bytes()).and_then(|()| out.flush())
+        });
+        if let Err(error) = written {
+            let _ = self.lost.set(error);
+            interrupt::request();
+        }
+    }
+
+    /// What a command ended with, once it is known whether its output arrived.
+    ///
+    /// # Errors
+    /// Exit code 1 when standard output could not be written; a reader that has gone is no error.
+    pub fn settle(&self, result: Outcome) -> Outcome {
+        match (self.lost.get(), result) {
+            (Some(lost), Ok(())) if lost.kind() == ErrorKind::BrokenPipe => Ok(()),
+            (Some(lost), Err(failure))
+                if lost.kind() == ErrorKind::BrokenPipe || failure.exit() != Exit::Interrupted =>
+            {
+                Err(failure)
+            }
+            (Some(lost), _) => Err(cannot_print(lost)),
+            (None, result) => result,
+        }
+    }
+
+    /// The last words of a failed command.
+    pub fn failure(&self, failure: &Failure) {
+        let exit = failure.exit();
+        let message = failure.to_string();
+        if self.json && self.lost.get().is_none() {
+            let error = json!({
+                "exit": exit.code(), "kind": exit.word(), "message": terminal::cut(&message), "hint": failure.hint_text(),
+            });
+            let document = with_schema("rb.error/1", error).to_string();
+            let _ = writeln!(io::stdout(), "{}", terminal::clean_json(&document));
+        }
+        match exit {
+            Exit::Interrupted => self.labelled("stopped", YELLOW, &message),
+            _ => self.labelled("error", RED, &message),
+        }
+        if let Some(hint) = failure.hint_text() {
+            self.labelled("hint", CYAN, hint);
+        }
     }
 
     /// A progress bar, hidden when standard error is no terminal or `--quiet` was given.
     #[must_use]
     pub fn progress(&self, length: u64, what: &str) -> ProgressBar {
-        let bar = ProgressBar::new(length);
-        if self.level == Level::Quiet || !std::io::stderr().is_terminal() {
+        let template = "{msg:16} [{bar:30}] {pos}/{len} {elapsed}, {eta} left";
+        self.bar(ProgressBar::new(length), template, what)
+    }
+
+    /// A line with the present phase of work whose length nobody knows, hidden as [`Self::progress`].
+    #[must_use]
+    pub fn phase(&self, what: &str) -> ProgressBar {
+        self.bar(
+            ProgressBar::new_spinner(),
+            "{spinner} {msg}, {elapsed}",
+            what,
+        )
+    }
+
+    fn bar(&self, bar: ProgressBar, template: &str, what: &str) -> ProgressBar {
+        if self.level == Level::Quiet || !io::stderr().is_terminal() {
             bar.set_draw_target(ProgressDrawTarget::hidden());
+            return bar;
         }
-        let style = ProgressStyle::with_template("{msg:12} [{bar:40}] {pos}/{len} {elapsed}");
-        if let Ok(style) = style {
+        let bar = self.bars.add(bar);
+        if let Ok(style) = ProgressStyle::with_template(template) {
             bar.set_style(style.progress_chars("=> "));
         }
-        bar.set_message(what.to_owned());
+        bar.set_message(terminal::clean(what).into_owned());
         bar.enable_steady_tick(Duration::from_millis(250));
         bar
     }
+}
+
+const RED: &str = "\u{1b}[31m";
+const YELLOW: &str = "\u{1b}[33m";
+const CYAN: &str = "\u{1b}[36m";
+const PLAIN: &str = "\u{1b}[0m";
+
+/// Standard output takes no more.
+#[must_use]
+pub fn cannot_print(error: &io::Error) -> Failure {
+    Failure::say(
+        Exit::Other,
+        format!("cannot write to standard output: {error}"),
+    )
+    .hint("what was printed is not complete; free some space and run the command again")
 }
 
 /// Puts the schema name in front of an object.
@@ -115,24 +251,4 @@ fn with_schema(schema: &str, value: Value) -> Value {
         }
     }
     Value::Object(object)
-}
-
-/// The last words of a failed command.
-pub fn print_failure(failure: &Failure, json: bool) {
-    let exit = failure.exit();
-    if json {
-        let error = json!({
-            "exit": exit.code(), "kind": exit.word(), "message": failure.to_string(), "hint": failure.hint_text(),
-        });
-        println!("{}", with_schema("rb.error/1", error));
-    }
-    let word = if exit == Exit::Interrupted {
-        "stopped"
-    } else {
-        "error"
-    };
-    eprintln!("{word}: {failure}");
-    if let Some(hint) = failure.hint_text() {
-        eprintln!("hint: {hint}");
-    }
 }

@@ -7,6 +7,7 @@ use files::model::Model;
 use files::structure::Structure;
 use physics::Robot;
 
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 
 /// A structure as it stood in its file, and as a robot.
@@ -23,7 +24,7 @@ pub struct RobotFile {
 /// Exit code 3 with file, line and what is wrong.
 pub fn load(path: &Path, model: &Model) -> Outcome<RobotFile> {
     let shown = path.display().to_string();
-    let text = std::fs::read_to_string(path)
+    let text = disk::read_text(path, disk::MAX_TEXT)
         .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
     let structure =
         Structure::parse(&shown, &text).map_err(|error| Failure::new(Exit::BadFile, error))?;

@@ -12,14 +12,15 @@ use protocol::link::{
 
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
-use crate::link::{LinkError, Robot, telemetry, text};
+use crate::interrupt;
+use crate::link::{LinkError, PortUri, Robot, Stopped, telemetry, text};
 use crate::recording::timing::{is_first_of_cycle, start_us};
 use crate::recording::{EventRow, Recorder, RunEndRow, RunStart};
 
 /// A robot that says nothing for this long in a run is asked whether it is still there.
 const SILENCE: Duration = Duration::from_millis(1500);
-/// After the end of the lease a lost link is looked for this long before the run is given up.
-const PATIENCE_AFTER_LEASE: Duration = Duration::from_secs(20);
+/// After the end of the run a lost link is looked for this long before the run is given up.
+const PATIENCE_AFTER_RUN: Duration = Duration::from_secs(20);
 /// The way to the start pose: half a turn at the slowest joint's limited speed, with room.
 const APPROACH: Duration = Duration::from_secs(20);
 /// Longest wait for the end of a run after STOP: amplitudes run down within it.
@@ -34,12 +35,23 @@ pub struct Order {
     pub digest: Digest,
     /// The gait, for the host's own set-points in the recording.
     pub gait: Gait,
-    /// Lease.
+    /// Length of the run.
     pub duration: Duration,
+    /// Tethered: the robot stops this long after the last heartbeat. `None`: it runs to its end without this host.
+    pub lease: Option<Duration>,
     /// Samples per second.
     pub rate_hz: u32,
     /// Wait before the first movement.
     pub countdown: Duration,
+}
+
+/// Lease of a tethered run: of four heartbeats three may be lost.
+const LEASE: Duration = Duration::from_secs(1);
+
+/// The tether of a run over this link: every real robot has one unless it is to be autonomous. The emulated robot in this process ends with it.
+#[must_use]
+pub fn lease(uri: &PortUri, autonomous: bool) -> Option<Duration> {
+    (!autonomous && !uri.is_sim()).then_some(LEASE)
 }
 
 /// How a run went.
@@ -71,6 +83,7 @@ struct Run<'a> {
     square_count: u64,
     reconnects: u32,
     dropped: u32,
+    next_beat: Duration,
     bar: ProgressBar,
 }
 
@@ -85,6 +98,7 @@ pub fn run(
     number: u32,
     order: &Order,
 ) -> Outcome<RunReport> {
+    let _grace = interrupt::grace("stopping the robot");
     let bar = context
         .out
         .progress(order.duration.as_secs(), &format!("run {}", number + 1));
@@ -103,6 +117,7 @@ pub fn run(
         square_count: 0,
         reconnects: 0,
         dropped: 0,
+        next_beat: Duration::ZERO,
         bar,
     };
     let result = run.go();
@@ -114,7 +129,8 @@ impl Run<'_> {
     fn go(&mut self) -> Outcome<RunReport> {
         self.start()?;
         let mut interrupted = false;
-        let end = match self.follow() {
+        let followed = self.note_start().map_err(Stop::from);
+        let end = match followed.and_then(|()| self.follow()) {
             Ok(end) => end,
             Err(Stop::Interrupted) => {
                 interrupted = true;
@@ -137,14 +153,34 @@ impl Run<'_> {
         } else {
             TelemetryRate::Cycle
         };
-        self.robot.order(&ToModule::Start {
-            slot: order.slot,
-            digest: order.digest,
-            duration_ms: u32::try_from(order.duration.as_millis()).unwrap_or(u32::MAX),
-            rate,
-            countdown_ms: u16::try_from(order.countdown.as_millis()).unwrap_or(u16::MAX),
-            tag: Tag::NONE,
+        let (slot, digest, tag) = (order.slot, order.digest, Tag::NONE);
+        let duration_ms = u32::try_from(order.duration.as_millis()).unwrap_or(u32::MAX);
+        let countdown_ms = short_ms(order.countdown);
+        self.robot.order(&match order.lease {
+            None => ToModule::Start {
+                slot,
+                digest,
+                duration_ms,
+                rate,
+                countdown_ms,
+                tag,
+            },
+            Some(lease) => ToModule::StartTethered {
+                slot,
+                digest,
+                duration_ms,
+                rate,
+                countdown_ms,
+                lease_ms: short_ms(lease),
+                tag,
+            },
         })?;
+        Ok(())
+    }
+
+    /// The robot has accepted the run: the recording begins.
+    fn note_start(&mut self) -> Outcome {
+        let order = self.order;
         let start = RunStart {
             run: self.run,
             gait: order.gait.name().to_owned(),
@@ -157,11 +193,12 @@ impl Run<'_> {
 
     /// Collects until the run has ended.
     fn follow(&mut self) -> Result<Option<RunEnd>, Stop> {
-        let lease = self.order.duration + self.order.countdown + APPROACH;
-        let until = self.robot.link().now() + lease;
+        let length = self.order.duration + self.order.countdown + APPROACH;
+        let until = self.robot.link().now() + length;
         let mut heard = self.robot.link().now();
         loop {
-            match self.robot.next(Duration::from_millis(200)) {
+            self.beat(until)?;
+            match self.robot.next(Duration::from_millis(100)) {
                 Ok(Some(message)) => {
                     heard = self.robot.link().now();
                     if let Some(end) = self.take(message)? {
@@ -183,9 +220,32 @@ impl Run<'_> {
                 }
                 Err(error) => return Err(error.into()),
             }
-            if self.robot.link().now() > until + PATIENCE_AFTER_LEASE {
+            if self.robot.link().now() > until + PATIENCE_AFTER_RUN {
                 return Ok(None);
             }
+        }
+    }
+
+    /// Four heartbeats within a lease. One that is lost is sent again; when none arrives the robot stops by itself.
+    fn beat(&mut self, until: Duration) -> Result<(), Stop> {
+        let Some(lease) = self.order.lease else {
+            return Ok(());
+        };
+        let now = self.robot.link().now();
+        if now < self.next_beat {
+            return Ok(());
+        }
+        self.next_beat = now + lease / 4;
+        match self.robot.heartbeat(lease / 2) {
+            Ok(()) => Ok(()),
+            // A run that is over takes none; its end is told.
+            Err(LinkError::Refused { .. }) => Ok(()),
+            Err(LinkError::Timeout { .. }) => {
+                self.next_beat = now;
+                Ok(())
+            }
+            Err(error) if error.is_lost_link() => self.find_again(&error, until),
+            Err(error) => Err(error.into()),
         }
     }
 
@@ -207,11 +267,15 @@ impl Run<'_> {
     /// Reconnects, and notes how long the link was away.
     fn find_again(&mut self, error: &LinkError, until: Duration) -> Result<(), Stop> {
         let lost_at = self.robot.link().now();
-        self.context.out.warn(format_args!(
-            "{error}; the robot goes on by itself, connecting again"
-        ));
+        let meanwhile = match self.order.lease {
+            None => "the robot goes on by itself".to_owned(),
+            Some(lease) => format!("the robot stops within {} s", lease.as_secs_f64()),
+        };
+        self.context
+            .out
+            .warn(format_args!("{error}; {meanwhile}, connecting again"));
         self.host_event("link_lost", error.to_string())?;
-        let patience = until.saturating_sub(lost_at) + PATIENCE_AFTER_LEASE;
+        let patience = until.saturating_sub(lost_at) + PATIENCE_AFTER_RUN;
         self.robot.reconnect(patience)?;
         self.reconnects += 1;
         let away = self.robot.link().now().saturating_sub(lost_at);
@@ -292,18 +356,32 @@ impl Run<'_> {
     /// STOP, then wait for the end of the run. Loud when the robot does not acknowledge.
     fn stop_robot(&mut self) -> Outcome<Option<RunEnd>> {
         self.robot.finish_in_peace();
-        let stopped = self.robot.order(&ToModule::Stop).or_else(|_| {
+        let stopped = self.robot.stop().or_else(|error| {
+            if !error.is_lost_link() {
+                return Err(error);
+            }
             self.robot.reconnect(Duration::from_secs(5))?;
-            self.robot.order(&ToModule::Stop)
+            self.robot.stop()
         });
-        if let Err(error) = stopped {
-            let left = self.order.duration.as_secs();
-            self.context.out.warn(format_args!(
-                "STOP WAS NOT ACKNOWLEDGED ({error}). The robot runs on until its lease ends (at most {left} s). Use its STOP button."
-            ));
-            return Ok(None);
+        match stopped {
+            Ok(stopped) => self.context.out.say(match stopped {
+                Stopped::Proved => "robot stopped (STOP acknowledged, proved with its key)",
+                Stopped::Acknowledged => "robot stopped (STOP acknowledged)",
+            }),
+            Err(error @ (LinkError::Unproved | LinkError::StillMoving)) => {
+                self.context.out.warn(format_args!(
+                    "STOP IS NOT CERTAIN ({error}). Look at the robot and use its STOP button."
+                ));
+                return Ok(None);
+            }
+            Err(error) => {
+                let left = self.order.lease.unwrap_or(self.order.duration).as_secs();
+                self.context.out.warn(format_args!(
+                    "STOP WAS NOT ACKNOWLEDGED ({error}). The robot runs on for at most {left} s. Use its STOP button."
+                ));
+                return Ok(None);
+            }
         }
-        self.context.out.say("robot stopped (STOP acknowledged)");
         let until = self.robot.link().now() + STOPPING;
         while self.robot.link().now() < until {
             match self.robot.next(Duration::from_millis(200)) {
@@ -332,7 +410,7 @@ impl Run<'_> {
                 // Nothing kept: what is missing is counted.
                 Err(LinkError::Refused { .. }) => return Ok(()),
                 Err(error) if error.is_lost_link() => {
-                    self.robot.reconnect(PATIENCE_AFTER_LEASE)?;
+                    self.robot.reconnect(PATIENCE_AFTER_RUN)?;
                     continue;
                 }
                 Err(error) => return Err(error.into()),
@@ -400,6 +478,10 @@ impl Run<'_> {
             None => Ok(()),
         }
     }
+}
+
+fn short_ms(time: Duration) -> u16 {
+    u16::try_from(time.as_millis()).unwrap_or(u16::MAX)
 }
 
 fn recording_failed(error: crate::recording::RecorderError) -> Failure {

@@ -12,12 +12,13 @@ use physics::{Drive, Params, Start, Trial};
 use protocol::link::EndReason;
 
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::link::sim::{self, SimLink};
 use crate::link::{PortUri, Robot, text};
-use crate::recording::beside::Laid;
+use crate::recording::beside::{Laid, Seen};
 use crate::recording::set::SetFolder;
-use crate::recording::{Header, Recorder};
+use crate::recording::{Header, Recorder, RecorderError};
 use crate::runner::{self, Order, RunReport};
 use crate::searching::films;
 use crate::upload::{self, Options};
@@ -38,10 +39,14 @@ pub struct Take {
     pub duration: Duration,
     /// Samples per second.
     pub rate_hz: u32,
+    /// Runs to its end when this host is gone.
+    pub autonomous: bool,
     /// Where to store the gait; `None` = the robot's choice.
     pub slot: Option<u8>,
     /// Where an emulated robot is put down, beside what its scenario says, m.
     pub start_m: [f64; 2],
+    /// Whether a camera beside the robot films it. A robot held in the air needs no film.
+    pub filmed: bool,
 }
 
 /// Where to put a robot down so that what the model predicts of a gait stays in the middle of the picture, m; always so that its
@@ -160,6 +165,7 @@ pub fn take(context: &Context, uri: &PortUri, set: &SetFolder, take: &Take) -> O
         duration: take.duration,
         rate_hz: take.rate_hz,
         countdown: MARK,
+        lease: runner::lease(uri, take.autonomous),
     };
     let path = set.recording_path(&take.name);
     let mut recorder = open_recording(&path, true, &mut robot, &take.gait, None)?;
@@ -175,6 +181,11 @@ pub fn take(context: &Context, uri: &PortUri, set: &SetFolder, take: &Take) -> O
     };
     if taken.is_complete() {
         let seen = robot.link().seen().map(|lab| lab.seen);
+        let seen = if take.filmed {
+            seen
+        } else {
+            seen.map(Seen::without_film)
+        };
         match set.add(&take.name, &take.gait, take.role, seen) {
             Ok(laid) => taken.laid = laid,
             Err(failure) if failure.exit() == Exit::BadFile => {
@@ -221,10 +232,11 @@ pub fn open_recording(
         firmware: hello.firmware.to_string(),
         robot: hello.robot_id.to_string(),
         port: robot.link().uri().to_string(),
+        emulated: robot.link().uri().is_sim(),
         model_digest: text::hex(&hello.model_digest.0),
         clock_offset_ns,
     };
-    let open = || {
+    let open = || -> Result<Recorder, RecorderError> {
         let mut recorder = Recorder::create(path, force, &header)?;
         recorder.attach(
             "gait.toml",
@@ -236,7 +248,10 @@ pub fn open_recording(
         }
         Ok(recorder)
     };
-    open().map_err(|e: crate::recording::RecorderError| Failure::new(Exit::Other, e))
+    open().map_err(|error| match error {
+        RecorderError::Exists { path } => disk::exists(&path),
+        error => Failure::new(Exit::Other, error),
+    })
 }
 
 /// What turns device time into recording time: nothing on virtual time, so that the same run gives the same file.
@@ -259,6 +274,15 @@ fn clock_offset_ns(robot: &mut Robot) -> Outcome<i64> {
 /// Exit codes 1, 2, 3.
 pub fn open_set(path: &Path, name: &str, model: &str, uri: &PortUri) -> Outcome<SetFolder> {
     SetFolder::open(path, name, model, &camera_toml(uri)?)
+}
+
+/// Where to read why a run ended early.
+#[must_use]
+pub fn what_happened(uri: &PortUri) -> String {
+    if uri.is_sim() {
+        return "the emulated robot forgets its log when the command ends; run it again with -v to see its events".to_owned();
+    }
+    "`rb-host log` tells what happened".to_owned()
 }
 
 /// What a person is told of a take.

@@ -1,7 +1,7 @@
 //! Gait search, selection of gaits, and meta-optimisation of model parameters.
 //!
-//! The search is the paper's section V: a swarm over the 17 numbers of a gait, three repetitions with noise on the CPG outputs,
-//! fitness 0 on internal collision, otherwise the mean speed, less for gaits whose repetitions part and for hard impacts.
+//! The search is the paper's section V: a swarm over the 17 numbers of a gait, three repetitions with noise on the CPG outputs.
+//! Fitness is 0 on internal collision, otherwise the mean speed, less for gaits whose repetitions part and for hard impacts.
 //! [`search`] owns the swarm and the archive, [`score`] the fitness, [`select`] the choice of gaits for the robot. What a trial is
 //! made of stays outside: a search takes anything that implements [`search::GaitTrials`].
 

@@ -53,7 +53,7 @@ impl<T: GaitTrials, E: Exchange> Sharded<T, E> {
         self.exchange.rank() == 0
     }
 
-    /// Whether it holds in any process. All processes ask the same questions in the same order, and all get the same answer: a search
+    /// Whether it holds in any process. All processes ask the same questions in the same order, and all get the same answer. A search
     /// that one of them must end (Ctrl-C, a full disk) ends in all of them, instead of leaving the others to wait for it.
     pub fn any(&self, here: bool) -> bool {
         let all = self.exchange.all_gather(&[u8::from(here)]);

@@ -23,7 +23,7 @@ pub struct GaitSpace {
     pub offset_limit_rad: f32,
 }
 
-/// The hand-tuned maximum velocities of the simulated motors (paper, Table II rows 13 and 17), by joint kind: gaits that ask for
+/// The hand-tuned maximum velocities of the simulated motors (paper, Table II rows 13 and 17), by joint kind. Gaits that ask for
 /// more would be clipped in simulation, and the real motors' no-load speeds (2.786, 2.032 rad/s) leave little above them.
 const HAND_TUNED_SPEED_RAD_S: [f32; 2] = [2.5, 1.5];
 

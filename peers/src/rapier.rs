@@ -3,7 +3,7 @@
 //! The servo is held as it is: a Rapier motor with velocity target and gain `factor` is a velocity constraint with compliance
 //! 1 / (step factor), clamped at `max_force`; with a factor of [`MOTOR_FACTOR`] the compliance vanishes beside the bodies'.
 //! Everything else stays at Rapier's defaults (contact springs of 60 Hz at the ground), but for [`SUBSTEPS`], Coulomb friction at every
-//! contact point, lengths that count in cubes, and that cubes do not meet each other: the gaits keep them apart.
+//! contact point, and lengths that count in cubes. Cubes do not meet each other: the gaits keep them apart.
 
 use crate::foreign::PER_TURN;
 use crate::speed::cpu_s;
@@ -166,7 +166,7 @@ impl World {
 }
 
 /// A half-sphere as convex pieces in its body's frame. Rapier's plane contacts see the first four corners of the face that looks down, so a
-/// disc of many corners would stand on one edge of it: beside the hull, every face is a fan of wedges with four corners each.
+/// disc of many corners would stand on one edge of it. Beside the hull, every face is a fan of wedges with four corners each.
 fn pieces(params: &Params, half: usize) -> Vec<Vec<Vector>> {
     let raw = &params.robot.raw().halves[half];
     let shape = params.robot.shape();

@@ -24,6 +24,7 @@ mod dispatch;
 mod drive;
 mod engine;
 mod lane;
+pub mod laws;
 mod linear;
 pub mod mjcf;
 pub mod noise;

@@ -2,6 +2,7 @@
 
 use crate::robot::{JointClass, Robot, RobotError};
 use files::model::{Effect, Key, Model, Stage};
+use files::structure::Motor;
 use std::sync::Arc;
 
 /// Standard gravity, m/s2 (CGPM 1901).
@@ -61,7 +62,7 @@ pub struct JointParams {
     pub coulomb_nm: f64,
     /// `viscous_friction.nm_s_rad`.
     pub viscous_nm_s_rad: f64,
-    /// `stribeck_friction.static_nm`: extra friction at rest; falls as 1 / (1 + (v / velocity)^2) (Hess and Soom 1990).
+    /// `stribeck_friction.static_nm`: extra friction at rest; falls as exp(-(v / velocity)^2), see [`crate::laws::stribeck`].
     pub stribeck_nm: f64,
     /// `stribeck_friction.velocity_rad_s`.
     pub stribeck_rad_s: f64,
@@ -311,25 +312,16 @@ fn unsupported(effect: Effect) -> ParamsError {
 
 impl JointParams {
     fn nominal(model: &Model, class: JointClass) -> JointParams {
-        let [speed, torque, gain, damping] = match class {
-            JointClass::Intra => [
-                Key::IntraSpeed,
-                Key::IntraTorque,
-                Key::IntraGain,
-                Key::IntraDamping,
-            ]
-            .map(|k| model.value(k)),
-            JointClass::Inter => [
-                Key::InterSpeed,
-                Key::InterTorque,
-                Key::InterGain,
-                Key::InterDamping,
-            ]
-            .map(|k| model.value(k)),
-            // A connection has no motor; its spring holds whatever comes. The damping is that of a mechanical joint, 5 % of critical for
-            // a module on a 100 N m/rad spring, so that play does not rattle for ever.
-            JointClass::Connector => [0.0, 1e4, 0.0, 0.1],
+        let keys = match class {
+            JointClass::Intra => Motor::Intra.keys(),
+            JointClass::Inter => Motor::Inter.keys(),
+            JointClass::Connector => None,
         };
+        // A connection has no motor; its spring holds whatever comes. The damping is that of a mechanical joint, 5 % of critical for
+        // a module on a 100 N m/rad spring, so that play does not rattle for ever.
+        let [speed, torque, gain, damping] = keys.map_or([0.0, 1e4, 0.0, 0.1], |k| {
+            [k.speed, k.torque, k.gain, k.damping].map(|key| model.value(key))
+        });
         JointParams {
             max_speed_rad_s: speed,
             max_torque_nm: torque,

@@ -109,7 +109,7 @@ pub struct Options {
 }
 
 impl Default for Options {
-    /// 4 ms and 12 sweeps: the convergence table in `docs/physics.md` shows what they cost in accuracy.
+    /// 4 ms and 12 sweeps: the convergence table in `docs/explanation/physics.md` shows what they cost in accuracy.
     fn default() -> Options {
         Options {
             time_step_s: 0.004,

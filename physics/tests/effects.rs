@@ -2,7 +2,7 @@
 // Helpers outside `#[test]` functions may fail a test by panicking too.
 #![allow(clippy::unwrap_used)]
 
-use files::model::{Effect, Model, Stage};
+use files::model::{Effect, Key, Model, Stage};
 use peers::random_gait;
 use physics::{
     Body, Drive, GRAVITY_M_S2, JointDrive, Level, Options, Outcome, Params, Pose, Robot, Start,
@@ -33,7 +33,7 @@ fn gait_trial(model: &Model, k: u32) -> Trial {
 
 fn with(effect: Effect, values: &[f64]) -> Model {
     let mut model = Model::hand_tuned();
-    if effect.info().per_joint {
+    if effect.info().per_joint() {
         for joint in 0..6 {
             model.set_effect(effect, Some(joint), values).unwrap();
         }
@@ -94,7 +94,7 @@ fn run(trials: &[Trial], level: Level) -> Vec<Outcome> {
 fn off_is_the_base_model_to_the_bit() {
     let base = gait_trial(&Model::hand_tuned(), 0);
     let expected = run(std::slice::from_ref(&base), Level::detect());
-    for effect in Effect::all().filter(|e| simulated(*e)) {
+    for effect in Effect::ALL.iter().copied().filter(|e| simulated(*e)) {
         let connector = matches!(effect, Effect::ConnectorCompliance | Effect::ConnectorPlay);
         if connector {
             // Split bodies are another structure; off means absent.
@@ -109,7 +109,7 @@ fn off_is_the_base_model_to_the_bit() {
 fn a_neighbour_with_an_effect_changes_nothing() {
     let base = gait_trial(&Model::hand_tuned(), 0);
     let expected = run(std::slice::from_ref(&base), Level::Scalar);
-    for effect in Effect::all().filter(|e| simulated(*e)) {
+    for effect in Effect::ALL.iter().copied().filter(|e| simulated(*e)) {
         let other = gait_trial(&with(effect, &strong(effect)), 0);
         let pair = run(&[base.clone(), other.clone()], Level::detect());
         assert_eq!(pair[0], expected[0], "{effect:?}");
@@ -242,6 +242,60 @@ fn quadratic_friction_brakes_hyperbolically() {
     let (v, inertia) = coast(Effect::QuadraticFriction, &[0.02], 0.2);
     let exact = 1.0 / (1.0 + 0.02 * 0.2 / inertia);
     assert!((v - exact).abs() < 0.02, "{v} {exact}");
+}
+
+#[test]
+fn stribeck_friction_falls_as_a_bell() {
+    let (static_nm, width_rad_s) = (0.4, 0.2);
+    // Torque that turns joint 1 at `rad_s`, all others held.
+    let torque = |model: &Model, rad_s: f64| {
+        let mut body = weightless(model, 0.001);
+        let held = |rad_s| JointDrive::Speed {
+            rad_s,
+            limit_nm: f64::INFINITY,
+        };
+        let mut drives = [held(0.0); 6];
+        drives[1] = held(rad_s);
+        for _ in 0..20 {
+            body.step(&drives);
+        }
+        body.torques_nm().nth(1).unwrap()
+    };
+    let rubbing = with(Effect::StribeckFriction, &[static_nm, width_rad_s]);
+    for rad_s in [-0.5, -0.2, -0.05, 0.05, 0.1, 0.2, 0.4, 1.0] {
+        let rub = torque(&rubbing, rad_s) - torque(&Model::hand_tuned(), rad_s);
+        let bell = libm::exp(-(rad_s / width_rad_s) * (rad_s / width_rad_s));
+        let exact = static_nm * bell * rad_s.signum();
+        assert!((rub - exact).abs() < 1e-3, "{rad_s}: {rub} {exact}");
+    }
+}
+
+#[test]
+fn sticking_friction_goes_by_the_speed_of_the_joint() {
+    // Far above the width nothing brakes; were it to go by the speed that is asked for, the joint would stop.
+    let (v, _) = coast(Effect::StribeckFriction, &[0.2, 0.1], 0.2);
+    assert!((v - 1.0).abs() < 0.02, "{v}");
+}
+
+#[test]
+fn a_servo_with_a_dead_zone_comes_to_its_edge_like_one_without_to_its_set_point() {
+    let gain_per_s = Model::hand_tuned().value(Key::InterGain);
+    let mut model = Model::hand_tuned();
+    model.set(Key::Cfm, 0.0).unwrap();
+    model
+        .set_effect(Effect::Deadband, Some(1), &[0.04])
+        .unwrap();
+    let mut body = weightless(&model, 0.001);
+    let held = JointDrive::Servo { set_point_rad: 0.0 };
+    let mut drives = [held; 6];
+    drives[1] = JointDrive::Servo { set_point_rad: 0.1 };
+    let steps = (1000.0 / gain_per_s).round() as u32;
+    for _ in 0..steps {
+        body.step(&drives);
+    }
+    let reached = body.encoders_rad().nth(1).unwrap();
+    let exact = 0.06 * (1.0 - libm::exp(-gain_per_s * f64::from(steps) * 0.001));
+    assert!((reached - exact).abs() < 1e-3, "{reached} {exact}");
 }
 
 #[test]

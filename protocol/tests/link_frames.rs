@@ -245,8 +245,10 @@ fn version_type_and_length_are_told_apart() {
     };
     assert_eq!(decode(&by_hand(&[1])), Some(Ok(ToModule::GetInfo)));
     assert_eq!(
-        decode(&by_hand(&[20])),
-        Some(Err(DecodeError::UnknownType { kind: 20 }))
+        decode(&by_hand(&[ToModule::COUNT])),
+        Some(Err(DecodeError::UnknownType {
+            kind: ToModule::COUNT
+        }))
     );
     assert_eq!(
         decode(&by_hand(&[0xFF, 1, 2])),

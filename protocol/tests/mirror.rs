@@ -33,7 +33,7 @@ fn faults_and_states() {
         supervisor::State::Unhomed,
         supervisor::State::Idle,
         supervisor::State::Armed {
-            lease_us: 1,
+            duration_us: 1,
             run_at_us: 2,
             give_up_us: 3,
         },
@@ -147,15 +147,15 @@ fn refusals_of_the_supervisor_become_rejects() {
         (Refusal::NoFault, Reject::NoFault),
         (Refusal::BadJointMask { joint_mask: 0 }, Reject::JointMask),
         (
-            Refusal::BadLease {
-                lease_us: 0,
+            Refusal::BadDuration {
+                duration_us: 0,
                 max_us: 3_600_000_000,
             },
             Reject::Duration { max_ms: 3_600_000 },
         ),
         (
-            Refusal::BadLease {
-                lease_us: 0,
+            Refusal::BadDuration {
+                duration_us: 0,
                 max_us: u64::MAX,
             },
             Reject::Duration { max_ms: u32::MAX },
@@ -174,6 +174,18 @@ fn refusals_of_the_supervisor_become_rejects() {
             },
             Reject::Countdown { max_ms: u16::MAX },
         ),
+        (
+            Refusal::BadLease {
+                lease_us: 9,
+                min_us: 100_000,
+                max_us: 60_000_000,
+            },
+            Reject::Lease {
+                min_ms: 100,
+                max_ms: 60_000,
+            },
+        ),
+        (Refusal::NotTethered, Reject::NotTethered),
     ];
     for (refusal, reject) in cases {
         assert_eq!(Reject::from_refusal(refusal, state), reject);

@@ -61,7 +61,7 @@ fn any_sample() -> impl Strategy<Value = Sample> {
 fn drained<const N: usize>(log: &mut SampleLog<N>) -> (Vec<(u32, Sample)>, usize) {
     let (mut samples, mut link_bytes, mut from) = (Vec::new(), 0, 0);
     loop {
-        let block = log.drain(from);
+        let block = log.drain(from, true);
         if block.count == 0 {
             return (samples, link_bytes);
         }
@@ -328,12 +328,12 @@ fn the_log_keeps_what_was_not_sent_and_gives_again_what_was_lost() {
     put(&mut log, 5);
 
     // The host missed sample 1: too late; it gets what is kept, with the gap visible.
-    let block = log.drain(1);
+    let block = log.drain(1, true);
     assert_eq!((block.first, block.count, block.run), (2, 1, 5));
-    assert_eq!(log.drain(1), block, "asking again gives the same");
-    let block = log.drain(3);
+    assert_eq!(log.drain(1, true), block, "asking again gives the same");
+    let block = log.drain(3, true);
     assert_eq!((block.first, block.count, block.dropped), (5, 1, 2));
-    let end = log.drain(6);
+    let end = log.drain(6, true);
     assert_eq!((end.first, end.count, end.dropped), (6, 0, 2));
     assert_eq!(log.taken(), 6);
 }
@@ -345,7 +345,7 @@ fn damaged_blocks_end_with_an_error() {
     log.push(&sample(1));
     log.push(&sample(2));
     log.flush();
-    let good = log.drain(0);
+    let good = log.drain(0, true);
     assert_eq!(
         good.samples().collect::<Vec<_>>(),
         [Ok(sample(1)), Ok(sample(2))]

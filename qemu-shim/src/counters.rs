@@ -166,7 +166,7 @@ fn is_wfi(instruction: *const Opaque) -> bool {
 }
 
 /// Brings guest time up to this instruction. QEMU counts a slice's instructions only when the processor's thread is back
-/// from it; between WFI and then its main thread may find the processor asleep, and would skip to the next timer from
+/// from it. Between WFI and then its main thread may find the processor asleep, and would skip to the next timer from
 /// the time at which the slice began.
 extern "C" fn about_to_sleep(_vcpu: c_uint, _user: *mut c_void) {
     // SAFETY: reads a clock, which counts what has run; WFI is the last instruction of its block, where that is allowed.

@@ -2,7 +2,7 @@
 //!
 //! The update is the paper's equations (4) and (5). The caller owns the objective: [`Swarm::ask`] gives the positions of
 //! one iteration, [`Swarm::tell`] takes their fitness (larger is better). Nothing here runs the objective, so the same
-//! swarm serves one thread, many threads and many processes, and gives the same bits in each: every random number is
+//! swarm serves one thread, many threads and many processes, and gives the same bits in each. Every random number is
 //! drawn from a stream named by (iteration, particle, purpose), never from a shared generator.
 //!
 //! ```

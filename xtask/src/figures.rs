@@ -1,7 +1,12 @@
 //! `cargo xtask figures`: every figure the documentation quotes, from one fresh run.
+//!
+//! What a command prints takes the place of the text between its marks in `docs/validation/README.md`.
 
 use crate::{sh, test};
 use anyhow::Result;
+
+/// The page of all figures.
+const PAGE: &str = "docs/validation/README.md";
 
 /// Each table with the command that prints it.
 const TABLES: &[(&str, &str)] = &[
@@ -39,13 +44,63 @@ const TABLES: &[(&str, &str)] = &[
     ),
 ];
 
-/// Print all tables; each command can also be run alone.
+/// Print all tables and write them into the page; each command can also be run alone.
 pub(crate) fn run() -> Result<()> {
     test::firmware_image()?;
+    let path = sh::root().join(PAGE);
+    let date = sh::output("date", &["-I"])?;
     for (title, command) in TABLES {
         println!("\n## {title}\n\n    cargo {command}\n");
         let arguments: Vec<&str> = command.split(' ').collect();
-        sh::run("cargo", &arguments)?;
+        let text = sh::tee("cargo", &arguments)?;
+        let body = format!("Measured {}.\n\n```text\n{}\n```", date.trim(), text.trim());
+        let page = std::fs::read_to_string(&path)?;
+        std::fs::write(&path, with_figure(&page, title, command, &body))?;
     }
     Ok(())
+}
+
+/// The page with `body` between the marks of `title`; a section that it lacks is added at its end.
+fn with_figure(page: &str, title: &str, command: &str, body: &str) -> String {
+    let (begin, end) = (format!("<!-- begin: {title} -->\n"), "<!-- end -->");
+    let section = page.split_once(&begin);
+    let parts = section.and_then(|(before, rest)| Some((before, rest.split_once(end)?.1)));
+    let Some((before, after)) = parts else {
+        return format!("{page}\n## {title}\n\n    cargo {command}\n\n{begin}{body}\n{end}\n");
+    };
+    format!("{before}{begin}{body}\n{end}{after}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{PAGE, TABLES, with_figure};
+
+    #[test]
+    fn every_figure_of_the_page_has_its_command() {
+        let page = std::fs::read_to_string(crate::sh::root().join(PAGE)).unwrap();
+        for mark in page.split("<!-- begin: ").skip(1) {
+            let title = mark.split(" -->").next().unwrap();
+            let command = TABLES.iter().find(|(known, _)| *known == title);
+            let command = command
+                .unwrap_or_else(|| panic!("no command prints `{title}`"))
+                .1;
+            assert!(
+                page.contains(&format!("## {title}\n\n    cargo {command}\n")),
+                "{title}"
+            );
+        }
+    }
+
+    #[test]
+    fn a_figure_takes_the_place_of_the_older_one() {
+        let page = with_figure("# Page\n", "Speed", "bench", "1");
+        assert!(
+            page.contains(
+                "## Speed\n\n    cargo bench\n\n<!-- begin: Speed -->\n1\n<!-- end -->\n"
+            )
+        );
+        let page = with_figure(&page, "Size", "size", "2");
+        let newer = with_figure(&page, "Speed", "bench", "3");
+        assert_eq!(newer, page.replace("-->\n1\n", "-->\n3\n"));
+    }
 }

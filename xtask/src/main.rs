@@ -1,9 +1,13 @@
 //! Set-up, the two commands of the README, the firmware build, and the tables of the documentation.
 
 mod demo;
+mod elf;
 mod figures;
+mod release;
+mod sbom;
 mod setup;
 mod sh;
+mod site;
 mod test;
 
 use std::process::ExitCode;
@@ -16,6 +20,8 @@ cargo xtask <command>
   setup     only the set-up that `test` does: Rust target, QEMU, Python clients, browser
   fw        build the firmware image for the STM32L475VG and print its size
   gate      link `control` and `protocol` into a thumb image in which a reachable panic is a link error
+  release   archives, Debian package, checksums and parts list of this version, in target/dist
+  site      the pages as a web site, in target/site (needs mdBook)
   figures   print every table that the documentation quotes, from a fresh run (tens of minutes)
 ";
 
@@ -27,6 +33,8 @@ fn main() -> ExitCode {
         Some("setup") => setup::run().map(|report| report.print()),
         Some("fw") => test::firmware_image(),
         Some("gate") => test::panic_free_gate(),
+        Some("release") => release::run(),
+        Some("site") => site::run(),
         Some("figures") => figures::run(),
         _ => {
             eprint!("{USAGE}");

@@ -1,6 +1,7 @@
 //! Running other programs from the workspace root, with the command shown first.
 
 use anyhow::{Context, Result, bail};
+use std::io::{BufRead, BufReader};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -54,6 +55,31 @@ pub(crate) fn output(program: &str, arguments: &[&str]) -> Result<String> {
         bail!("`{shown}` failed: {}", output.status);
     }
     Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+/// As [`output`], and shows each line as it comes; standard error goes to the terminal.
+pub(crate) fn tee(program: &str, arguments: &[&str]) -> Result<String> {
+    let mut command = command(program, arguments);
+    let shown = show(&command);
+    eprintln!("$ {shown}");
+    let mut child = command
+        .stdout(Stdio::piped())
+        .spawn()
+        .with_context(|| format!("cannot start `{shown}`"))?;
+    let mut text = String::new();
+    if let Some(out) = child.stdout.take() {
+        for line in BufReader::new(out).lines() {
+            let line = line?;
+            println!("{line}");
+            text.push_str(&line);
+            text.push('\n');
+        }
+    }
+    let status = child.wait()?;
+    if !status.success() {
+        bail!("`{shown}` failed: {status}");
+    }
+    Ok(text)
 }
 
 fn show(command: &Command) -> String {

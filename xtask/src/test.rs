@@ -2,7 +2,7 @@
 
 use crate::{setup, sh};
 use anyhow::{Result, bail};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 type Step = (&'static str, fn() -> Result<()>);
 
@@ -12,6 +12,7 @@ const STEPS: &[Step] = &[
     ("lints of the firmware image", firmware_lints),
     ("firmware image", firmware_image),
     ("panic-free gate", panic_free_gate),
+    ("web site of the pages", crate::site::run),
     ("QEMU plug-in", plugin),
     ("tests", tests),
 ];
@@ -112,6 +113,11 @@ pub(crate) fn firmware_image() -> Result<()> {
         "cargo",
         &[&["build", "-p", "firmware"][..], &THUMB].concat(),
     )
+}
+
+/// The image that [`firmware_image`] builds.
+pub(crate) fn firmware_elf() -> PathBuf {
+    sh::root().join("target/board/thumbv7em-none-eabihf/firmware/firmware")
 }
 
 /// A reachable panic in `control` or `protocol` leaves an undefined symbol, so the link fails.

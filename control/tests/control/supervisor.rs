@@ -7,14 +7,16 @@ use control::supervisor::{
 use proptest::prelude::*;
 
 const P: SupervisorParams = SupervisorParams {
-    lease_max_us: 3_600_000_000,
+    duration_max_us: 3_600_000_000,
+    lease_us: (100_000, 60_000_000),
     arm_max_us: 30_000_000,
     ramp_max_us: 4_000_000,
     hold_us: 1_000_000,
 };
 const START: Event = Event::Order(Order::Start {
-    lease_us: 30_000_000,
+    duration_us: 30_000_000,
     countdown_us: 0,
+    lease_us: None,
 });
 const STOP: Event = Event::Order(Order::Stop);
 const CLEAR: Event = Event::Order(Order::ClearFault);
@@ -282,24 +284,27 @@ fn refusals_say_why() {
         Some(Refusal::StopInputPressed)
     );
     let long = Event::Order(Order::Start {
-        lease_us: u64::MAX,
+        duration_us: u64::MAX,
         countdown_us: 0,
+        lease_us: None,
     });
     assert!(matches!(
         refusal(&[Event::Booted, HOME], long),
-        Some(Refusal::BadLease { .. })
+        Some(Refusal::BadDuration { .. })
     ));
     let none = Event::Order(Order::Start {
-        lease_us: 0,
+        duration_us: 0,
         countdown_us: 0,
+        lease_us: None,
     });
     assert!(matches!(
         refusal(&[Event::Booted, HOME], none),
-        Some(Refusal::BadLease { .. })
+        Some(Refusal::BadDuration { .. })
     ));
     let slow = Event::Order(Order::Start {
-        lease_us: 1,
+        duration_us: 1,
         countdown_us: u64::MAX,
+        lease_us: None,
     });
     assert!(matches!(
         refusal(&[Event::Booted, HOME], slow),
@@ -311,8 +316,9 @@ fn refusals_say_why() {
 fn the_whole_course_of_a_run() {
     let mut s = after(&[Event::Booted, HOME]);
     let start = Event::Order(Order::Start {
-        lease_us: 30_000_000,
+        duration_us: 30_000_000,
         countdown_us: 3_000_000,
+        lease_us: None,
     });
     s.step(&P, 10_000_000, start);
     s.step(&P, 12_999_999, Event::InPosition);
@@ -336,6 +342,88 @@ fn the_whole_course_of_a_run() {
     assert!(!s.command().torque);
 }
 
+#[test]
+fn a_tethered_run_goes_on_as_long_as_it_hears_a_heartbeat() {
+    let start = Event::Order(Order::Start {
+        duration_us: 30_000_000,
+        countdown_us: 3_000_000,
+        lease_us: Some(1_000_000),
+    });
+    let beat = Event::Order(Order::Heartbeat);
+    for armed in [true, false] {
+        let mut s = after(&[Event::Booted, HOME]);
+        s.step(&P, 10_000_000, start);
+        let mut now_us = 10_000_000;
+        while now_us < 20_000_000 {
+            now_us += 999_999;
+            s.step(&P, now_us, Event::Tick);
+            let before = s.state();
+            if !armed {
+                s.step(&P, now_us, Event::InPosition);
+            }
+            assert_eq!(s.step(&P, now_us, beat).refusal, None);
+            assert!(matches!(before, State::Armed { .. } | State::Run { .. }));
+        }
+        s.step(&P, now_us + 999_999, Event::Tick);
+        assert_eq!(letter(s.state()), if armed { 'A' } else { 'R' });
+        s.step(&P, now_us + 1_000_000, Event::Tick);
+        assert!(matches!(
+            s.state(),
+            State::Stopping {
+                reason: StopReason::LeaseOver,
+                ..
+            }
+        ));
+        assert_eq!(letter(s.state()), if armed { 'H' } else { 'M' });
+        assert_eq!(
+            s.step(&P, now_us + 1_000_001, beat).refusal,
+            Some(Refusal::NotTethered),
+            "a lease that ran out is not renewed"
+        );
+    }
+}
+
+#[test]
+fn a_heartbeat_starts_nothing_and_a_lease_has_its_range() {
+    let beat = Event::Order(Order::Heartbeat);
+    for (way, start) in ways() {
+        let mut s = start;
+        let t = s.step(&P, 1_000, beat);
+        assert_eq!(t.refusal, Some(Refusal::NotTethered), "{way}");
+        assert_eq!(t.from, t.to, "{way}");
+    }
+    for lease_us in [0, 99_999, 60_000_001, u64::MAX] {
+        let start = Event::Order(Order::Start {
+            duration_us: 1,
+            countdown_us: 0,
+            lease_us: Some(lease_us),
+        });
+        let mut s = after(&[Event::Booted, HOME]);
+        let t = s.step(&P, 1_000, start);
+        assert!(matches!(t.refusal, Some(Refusal::BadLease { .. })));
+        assert_eq!(letter(t.to), 'I');
+    }
+    // The lease of one run does not reach into the next.
+    let tethered = Event::Order(Order::Start {
+        duration_us: 30_000_000,
+        countdown_us: 0,
+        lease_us: Some(100_000),
+    });
+    let mut s = after(&[
+        Event::Booted,
+        HOME,
+        tethered,
+        Event::InPosition,
+        PRESS,
+        RELEASE,
+        CLEAR,
+    ]);
+    s.step(&P, 2_000, START);
+    s.step(&P, 2_000, Event::InPosition);
+    s.step(&P, 5_000_000, Event::Tick);
+    assert_eq!(letter(s.state()), 'R', "autonomous");
+}
+
 fn any_event() -> impl Strategy<Value = Event> {
     let joint = 0u8..8;
     let fault = (0u8..6, joint.clone()).prop_map(|(k, joint)| {
@@ -350,7 +438,7 @@ fn any_event() -> impl Strategy<Value = Event> {
     });
     prop_oneof![
         2 => Just(Event::Booted),
-        6 => (0u64..100_000_000, 0u64..2_000_000).prop_map(|(lease_us, countdown_us)| Event::Order(Order::Start { lease_us, countdown_us })),
+        6 => (0u64..100_000_000, 0u64..2_000_000).prop_map(|(duration_us, countdown_us)| Event::Order(Order::Start { duration_us, countdown_us, lease_us: None })),
         2 => Just(STOP),
         4 => Just(CLEAR),
         4 => prop_oneof![Just(ALL_JOINTS), any::<u8>()].prop_map(|joint_mask| Event::Order(Order::Home { joint_mask })),

@@ -172,6 +172,30 @@ pub enum Warning {
         /// Median step.
         step_s: f64,
     },
+    /// Two rows of one instant that both hold a value of the same column.
+    #[error(
+        "{file}:{line}: column `t_s`: {t_s} stands in two rows, and both hold a `{column}`; is a row written twice?"
+    )]
+    SameTime {
+        /// File name.
+        file: String,
+        /// Line of the second row, counted from 1.
+        line: usize,
+        /// Header name.
+        column: String,
+        /// Time of both.
+        t_s: f64,
+    },
+    /// One joint lacks a column that others have.
+    #[error(
+        "{file}:1: column `{column}` is missing, but other joints have theirs; taken as not measured"
+    )]
+    JointWithout {
+        /// File name.
+        file: String,
+        /// Header name that was looked for.
+        column: String,
+    },
     /// A measured column that never changes.
     #[error("{file}: column `{column}` never changes; is the sensor connected?")]
     Constant {

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use super::error::{DatasetError, Warning};
 use super::walk::{self, Walk};
+use crate::model::{Key, Model, Parameter};
 
 /// What stands on the bench or on the floor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -171,6 +172,8 @@ pub struct Manifest {
     pub bench: Bench,
     /// Robot model file, relative; `None` = the shipped model.
     pub model: Option<String>,
+    /// Supply voltage of a metamodule without load, V, where it is not that of the model.
+    pub supply_v: Option<Quantity>,
     /// Camera, if described.
     pub camera: Option<Camera>,
     /// Runs in file order, at least one.
@@ -185,6 +188,24 @@ impl Manifest {
             Robot::Bench => 1,
             Robot::Metamodule => 6,
         }
+    }
+
+    /// `model` with what the data set states of its robot. A value without a tolerance keeps the model's relative one.
+    #[must_use]
+    pub fn stated(&self, model: &Model) -> Model {
+        let mut out = model.clone();
+        if let Some(supply) = self.supply_v {
+            let own = model.parameter(Key::SupplyVoltage);
+            let relative = supply.tolerance.unwrap_or(own.tolerance / own.value);
+            let parameter = Parameter {
+                value: supply.value,
+                tolerance: relative * supply.value,
+                source: "dataset.toml".to_owned(),
+            };
+            // The reader has held the value to the range of the key.
+            let _ = out.set_parameter(Key::SupplyVoltage, parameter);
+        }
+        out
     }
 
     /// Parses the text of `dataset.toml`. `file` is only used in messages.
@@ -213,9 +234,12 @@ impl Manifest {
         if let Some(t) = root.table("bench")? {
             apply_bench(&mut bench, &t, &mut warnings)?;
         }
-        let mut model = None;
+        let (mut model, mut supply_v) = (None, None);
         if let Some(t) = root.table("metamodule")? {
-            model = t.text("model")?.map(str::to_string);
+            model = t.path_inside("model")?.map(str::to_string);
+            let range = Key::SupplyVoltage.info();
+            let stated = t.quantity("supply_v", range.min, range.max, &mut warnings)?;
+            supply_v = stated.map(|(value, tolerance)| Quantity { value, tolerance });
             t.finish(&mut warnings);
         }
         let camera = root
@@ -237,6 +261,7 @@ impl Manifest {
                 signals,
                 bench,
                 model,
+                supply_v,
                 camera,
                 runs,
             },
@@ -251,11 +276,11 @@ fn parse_run(
     warnings: &mut Vec<Warning>,
 ) -> Result<Run, DatasetError> {
     let file = t
-        .text("file")?
+        .path_inside("file")?
         .ok_or_else(|| t.missing("file", "name the CSV file of the run"))?;
     let gait = t.text("gait")?.unwrap_or(file);
     let role = t.word("role", &[("fit", Role::Fit), ("check", Role::Check)])?;
-    let frames = t.text("frames")?.map(str::to_string);
+    let frames = t.path_inside("frames")?.map(str::to_string);
     let mut bench = bench.clone();
     if let Some(o) = t.table("bench")? {
         apply_bench(&mut bench, &o, warnings)?;

@@ -253,6 +253,7 @@ impl<'a> Reader<'a> {
             headers,
             targets,
         };
+        reader.joints_without(manifest, warnings);
         reader.require(
             |t| matches!(t, Target::Time),
             "t_s",
@@ -269,6 +270,28 @@ impl<'a> Reader<'a> {
         let hint = "every run needs its command; name its column under [signals]";
         reader.require(is_setpoint, column, hint)?;
         Ok(reader)
+    }
+
+    /// Warns of joints that lack a column that another joint has.
+    fn joints_without(&self, manifest: &Manifest, warnings: &mut Vec<Warning>) {
+        let has = |k: usize, s: Signal| {
+            let is = |t: &Target| matches!(t, Target::Joint(j, of) if *j == k && *of == s);
+            self.targets.iter().any(is)
+        };
+        for signal in Signal::ALL {
+            let (with, without): (Vec<usize>, Vec<usize>) =
+                (0..manifest.joints()).partition(|k| has(*k, signal));
+            if with.is_empty() {
+                continue;
+            }
+            for joint in without {
+                let name = header_name(signal, manifest.bench.motion);
+                warnings.push(Warning::JointWithout {
+                    file: self.file.into(),
+                    column: format!("{name}_{joint}"),
+                });
+            }
+        }
     }
 
     fn require(
@@ -324,6 +347,48 @@ impl<'a> Reader<'a> {
     }
 }
 
+/// Lines of a text by rising positions. The CSV reader's own count is one too small after `\r\n` and ignores empty lines.
+struct Lines<'a> {
+    text: &'a [u8],
+    at: usize,
+    line: usize,
+}
+
+impl<'a> Lines<'a> {
+    fn of(text: &'a str) -> Self {
+        Self {
+            text: text.as_bytes(),
+            at: 0,
+            line: 1,
+        }
+    }
+
+    /// Line, from 1, of the first row at or after a position.
+    fn at(&mut self, byte: u64) -> usize {
+        let byte = usize::try_from(byte).unwrap_or(usize::MAX);
+        while let Some(next) = self.text.get(self.at) {
+            // Line ends between two rows belong to neither.
+            if self.at >= byte && !matches!(next, b'\r' | b'\n') {
+                break;
+            }
+            self.line += usize::from(*next == b'\n');
+            self.at += 1;
+        }
+        self.line
+    }
+}
+
+/// The CSV reader's reason without its own place, which is wrong in a file with `\r\n`.
+fn reason(error: &csv::Error) -> String {
+    match error.kind() {
+        csv::ErrorKind::UnequalLengths {
+            expected_len, len, ..
+        } => format!("this row has {len} cells, the rows above have {expected_len}"),
+        csv::ErrorKind::Utf8 { .. } => "not UTF-8 text; save the file as UTF-8".to_owned(),
+        _ => error.to_string(),
+    }
+}
+
 impl Recording {
     /// Parses the text of one CSV file of the data set `manifest`.
     ///
@@ -335,13 +400,14 @@ impl Recording {
         manifest: &Manifest,
     ) -> Result<(Self, Vec<Warning>), DatasetError> {
         let mut warnings = Vec::new();
+        let content = text.trim_start_matches('\u{feff}');
         let mut csv = csv::ReaderBuilder::new()
             .has_headers(true)
-            .from_reader(text.trim_start_matches('\u{feff}').as_bytes());
+            .from_reader(content.as_bytes());
         let fail = |e: csv::Error| DatasetError::Csv {
             file: file.into(),
-            line: e.position().map_or(1, |p| p.line() as usize),
-            reason: e.to_string(),
+            line: e.position().map_or(1, |p| Lines::of(content).at(p.byte())),
+            reason: reason(&e),
         };
         let headers = csv
             .headers()
@@ -353,8 +419,9 @@ impl Recording {
         let mut columns: Vec<Vec<f64>> = vec![Vec::new(); reader.targets.len()];
         let mut lines: Vec<usize> = Vec::new();
         let mut record = csv::StringRecord::new();
+        let mut line_of = Lines::of(content);
         while csv.read_record(&mut record).map_err(fail)? {
-            let line = record.position().map_or(0, |p| p.line() as usize);
+            let line = record.position().map_or(0, |p| line_of.at(p.byte()));
             lines.push(line);
             for (k, column) in columns.iter_mut().enumerate() {
                 if !matches!(reader.targets[k], Target::Skip) {
@@ -392,6 +459,14 @@ impl Recording {
                 });
             }
         }
+        if let Some((row, column)) = self.twice(reader) {
+            warnings.push(Warning::SameTime {
+                file: file.into(),
+                line: lines[row],
+                column,
+                t_s: t[row],
+            });
+        }
         let step_s = self.step_s();
         // Ten usual steps without a row: the recording stopped, or the bus did.
         let hole = t
@@ -423,6 +498,22 @@ impl Recording {
             }
         }
         Ok(())
+    }
+
+    /// The first row with the time of the row before and a value in a column in which that one has a value too.
+    fn twice(&self, reader: &Reader<'_>) -> Option<(usize, String)> {
+        let same = |i: &usize| self.t_s[*i] == self.t_s[*i - 1];
+        (1..self.t_s.len()).filter(same).find_map(|i| {
+            let mut columns = reader.headers.iter().zip(&reader.targets);
+            columns.find_map(|(header, target)| {
+                let Target::Joint(k, s) = target else {
+                    return None;
+                };
+                let values = self.joints[*k].get(*s)?;
+                let both = !values[i].is_nan() && !values[i - 1].is_nan();
+                both.then(|| (i, header.clone()))
+            })
+        })
     }
 
     /// Number of rows, at least 2.

@@ -23,6 +23,14 @@ fn line_of(text: &str, offset: usize) -> usize {
         + 1
 }
 
+/// Whether a path stays in its folder on every system: relative, and no part of it goes up or names a drive.
+#[must_use]
+pub fn is_inside(path: &str) -> bool {
+    let absolute = path.starts_with(['/', '\\']) || path.get(1..2) == Some(":");
+    let goes_up = path.split(['/', '\\']).any(|part| part == "..");
+    !path.is_empty() && !absolute && !goes_up
+}
+
 /// Parses TOML text, with file and line in the error.
 pub(super) fn parse<'i>(file: &str, text: &'i str) -> Result<DeTable<'i>, DatasetError> {
     DeTable::parse(text)
@@ -96,6 +104,20 @@ impl<'a, 'i> Walk<'a, 'i> {
                     .ok_or_else(|| self.bad(key, v, "a text"))
             })
             .transpose()
+    }
+
+    /// A file or folder inside the data set folder.
+    pub(super) fn path_inside(&self, key: &'static str) -> Result<Option<&'a str>, DatasetError> {
+        let Some(path) = self.text(key)? else {
+            return Ok(None);
+        };
+        match (is_inside(path), self.table.get(key)) {
+            (false, Some(value)) => {
+                let expected = "a path inside the data set folder, without `..` and not absolute";
+                Err(self.bad(key, value, expected))
+            }
+            _ => Ok(Some(path)),
+        }
     }
 
     /// One word out of a closed list.

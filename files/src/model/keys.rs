@@ -1,6 +1,7 @@
 //! The nominal parameters: Table II in its order, then geometry and the constants the paper leaves unsaid.
 
 use super::Parameter;
+use crate::structure::Motor;
 
 /// Names one nominal parameter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -37,6 +38,10 @@ pub enum Key {
     IntraGain,
     /// Damping constant, intra-cube joints.
     IntraDamping,
+    /// Resistance of the winding, intra-cube joints.
+    IntraWinding,
+    /// Torque at the output per current, intra-cube joints.
+    IntraTorquePerCurrent,
     /// Maximum velocity, inter-cube joints.
     InterSpeed,
     /// Maximum torque, inter-cube joints.
@@ -45,6 +50,12 @@ pub enum Key {
     InterGain,
     /// Damping constant, inter-cube joints.
     InterDamping,
+    /// Resistance of the winding, inter-cube joints.
+    InterWinding,
+    /// Torque at the output per current, inter-cube joints.
+    InterTorquePerCurrent,
+    /// Voltage of the supply without load.
+    SupplyVoltage,
     /// Height of the overhead camera.
     CameraHeight,
     /// Time shift between the recorded and the simulated film.
@@ -66,6 +77,57 @@ pub enum Key {
     /// Largest touch-down speed of an acceptable gait.
     ImpactLimit,
 }
+
+/// Keys of one kind of motor with its gear; every figure is at the output.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MotorKeys {
+    /// Maximum velocity.
+    pub speed: Key,
+    /// Maximum torque.
+    pub torque: Key,
+    /// Control parameter P.
+    pub gain: Key,
+    /// Damping constant.
+    pub damping: Key,
+    /// Resistance of the winding.
+    pub winding: Key,
+    /// Torque per current.
+    pub torque_per_current: Key,
+}
+
+/// Keys of the intra-cube motor.
+const INTRA: MotorKeys = MotorKeys {
+    speed: Key::IntraSpeed,
+    torque: Key::IntraTorque,
+    gain: Key::IntraGain,
+    damping: Key::IntraDamping,
+    winding: Key::IntraWinding,
+    torque_per_current: Key::IntraTorquePerCurrent,
+};
+/// Keys of the inter-cube motor.
+const INTER: MotorKeys = MotorKeys {
+    speed: Key::InterSpeed,
+    torque: Key::InterTorque,
+    gain: Key::InterGain,
+    damping: Key::InterDamping,
+    winding: Key::InterWinding,
+    torque_per_current: Key::InterTorquePerCurrent,
+};
+
+impl Motor {
+    /// Its keys in the model; `None` for a connection, which has no motor.
+    #[must_use]
+    pub const fn keys(self) -> Option<MotorKeys> {
+        match self {
+            Motor::Intra => Some(INTRA),
+            Motor::Inter => Some(INTER),
+            Motor::Connector => None,
+        }
+    }
+}
+
+/// Which motor drives each joint of the meta-module, as `robots/metamodule.toml` has it.
+pub const MOTORS: [MotorKeys; 6] = [INTRA, INTER, INTRA, INTRA, INTER, INTRA];
 
 /// What is known about a nominal parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,6 +173,11 @@ impl KeyInfo {
 }
 
 const HAND: &str = "paper, Table II, hand tuned";
+const CATALOGUE: &str =
+    "Faulhaber catalogue, 2342 012 CR and 2232 012 SR; 4 %: copper that is 10 K warmer";
+const TABLE_I: &str = "12 V over the no-load speed of paper, Table I; 3 %: motors of one type";
+/// The paper does not say how its packs are wired: in parallel they give 7.4 V, in series 14.8 V.
+const SUPPLY: &str = "voltage at which the speeds of paper, Table I hold; tolerance of a charged pack. The 2 x 2 cells in parallel give 7.4 V, in series 14.8 V: state yours";
 
 #[rustfmt::skip]
 const INFO: [KeyInfo; Key::COUNT] = [
@@ -130,10 +197,15 @@ const INFO: [KeyInfo; Key::COUNT] = [
     KeyInfo { table: "intra", key: "max_torque_nm", table_ii: Some(14), min: 0.0, max: 100.0, search: (2.5, 15.0), hand: 4.8, meta_optimised: 9.0643, tolerance: 0.48, meaning: "maximum torque, intra-cube joints", source: HAND },
     KeyInfo { table: "intra", key: "gain_per_s", table_ii: Some(15), min: 0.0, max: 100.0, search: (5.0, 15.0), hand: 10.0, meta_optimised: 6.9873, tolerance: 1.0, meaning: "control parameter P, intra-cube joints", source: HAND },
     KeyInfo { table: "intra", key: "damping_nm_s_rad", table_ii: Some(16), min: 0.0, max: 10.0, search: (0.0, 1.0), hand: 0.0, meta_optimised: 0.1172, tolerance: 0.05, meaning: "damping constant, intra-cube joints", source: HAND },
+    KeyInfo { table: "intra", key: "winding_ohm", table_ii: None, min: 0.001, max: 1000.0, search: (0.001, 1000.0), hand: 1.9, meta_optimised: 1.9, tolerance: 0.08, meaning: "resistance of the winding, intra-cube joints", source: CATALOGUE },
+    KeyInfo { table: "intra", key: "torque_nm_a", table_ii: None, min: 0.001, max: 1000.0, search: (0.001, 1000.0), hand: 4.307, meta_optimised: 4.307, tolerance: 0.13, meaning: "torque at the output per current, intra-cube joints", source: TABLE_I },
     KeyInfo { table: "inter", key: "max_velocity_rad_s", table_ii: Some(17), min: 0.01, max: 100.0, search: (1.0, 15.0), hand: 1.5, meta_optimised: 7.5193, tolerance: 0.15, meaning: "maximum velocity, inter-cube joints", source: HAND },
     KeyInfo { table: "inter", key: "max_torque_nm", table_ii: Some(18), min: 0.0, max: 100.0, search: (2.5, 15.0), hand: 3.2, meta_optimised: 12.208, tolerance: 0.32, meaning: "maximum torque, inter-cube joints", source: HAND },
     KeyInfo { table: "inter", key: "gain_per_s", table_ii: Some(19), min: 0.0, max: 100.0, search: (5.0, 15.0), hand: 10.0, meta_optimised: 12.8652, tolerance: 1.0, meaning: "control parameter P, inter-cube joints", source: HAND },
     KeyInfo { table: "inter", key: "damping_nm_s_rad", table_ii: Some(20), min: 0.0, max: 10.0, search: (0.0, 1.0), hand: 0.0, meta_optimised: 0.5622, tolerance: 0.05, meaning: "damping constant, inter-cube joints", source: HAND },
+    KeyInfo { table: "inter", key: "winding_ohm", table_ii: None, min: 0.001, max: 1000.0, search: (0.001, 1000.0), hand: 4.09, meta_optimised: 4.09, tolerance: 0.16, meaning: "resistance of the winding, inter-cube joints", source: CATALOGUE },
+    KeyInfo { table: "inter", key: "torque_nm_a", table_ii: None, min: 0.001, max: 1000.0, search: (0.001, 1000.0), hand: 5.906, meta_optimised: 5.906, tolerance: 0.18, meaning: "torque at the output per current, inter-cube joints", source: TABLE_I },
+    KeyInfo { table: "supply", key: "voltage_v", table_ii: None, min: 0.1, max: 100.0, search: (0.1, 100.0), hand: 12.0, meta_optimised: 12.0, tolerance: 0.15, meaning: "voltage of the supply without load", source: SUPPLY },
     KeyInfo { table: "camera", key: "height_m", table_ii: Some(21), min: 0.5, max: 10.0, search: (2.1, 2.4), hand: 2.6, meta_optimised: 2.27816, tolerance: 0.05, meaning: "height of the overhead camera", source: HAND },
     KeyInfo { table: "camera", key: "time_shift_s", table_ii: Some(22), min: -5.0, max: 5.0, search: (0.0, 1.2), hand: 0.9, meta_optimised: 0.4241056, tolerance: 0.2, meaning: "time shift between the recorded and the simulated film", source: HAND },
     KeyInfo { table: "robot", key: "twist_rad", table_ii: None, min: -core::f64::consts::TAU, max: core::f64::consts::TAU, search: (-core::f64::consts::TAU, core::f64::consts::TAU), hand: core::f64::consts::FRAC_PI_2, meta_optimised: core::f64::consts::FRAC_PI_2, tolerance: 0.0087, meaning: "rotation of module B against module A about x", source: "EPFL kinematics: perpendicular connection" },
@@ -148,15 +220,17 @@ const INFO: [KeyInfo; Key::COUNT] = [
 
 impl Key {
     /// How many there are.
-    pub const COUNT: usize = 30;
+    pub const COUNT: usize = 35;
 
     /// Every key, in the order of the file.
     #[rustfmt::skip]
     pub const ALL: [Key; Key::COUNT] = [
         Key::Cfm, Key::Erp, Key::Friction, Key::Bounce, Key::Mass1, Key::Mass2, Key::Mass3,
         Key::Mass4, Key::Mass5, Key::Mass6, Key::Mass7, Key::Mass8, Key::IntraSpeed,
-        Key::IntraTorque, Key::IntraGain, Key::IntraDamping, Key::InterSpeed, Key::InterTorque,
-        Key::InterGain, Key::InterDamping, Key::CameraHeight, Key::CameraTimeShift, Key::Twist,
+        Key::IntraTorque, Key::IntraGain, Key::IntraDamping, Key::IntraWinding,
+        Key::IntraTorquePerCurrent, Key::InterSpeed, Key::InterTorque, Key::InterGain,
+        Key::InterDamping, Key::InterWinding, Key::InterTorquePerCurrent, Key::SupplyVoltage,
+        Key::CameraHeight, Key::CameraTimeShift, Key::Twist,
         Key::Cube, Key::BallRadius, Key::CpgNoise, Key::BounceSpeed, Key::ContactSlip,
         Key::FrictionPyramid, Key::ImpactLimit,
     ];

@@ -33,7 +33,7 @@ pub(super) fn parse(file: &str, text: &str) -> Result<Model, ModelError> {
                 return Err(reader.unknown(
                     key.span().start,
                     name,
-                    "format, name, environment, mass, intra, inter, camera, robot, simulation, effect",
+                    "format, name, environment, mass, intra, inter, supply, camera, robot, simulation, effect",
                 ));
             }
         }
@@ -204,15 +204,15 @@ impl Reader<'_> {
     fn effects(&self, model: &mut Model, value: &Value<'_>) -> Result<(), ModelError> {
         for (key, entry) in self.table("effect", value)? {
             let name = key.get_ref().as_ref();
-            let Some(effect) = Effect::by_name(name) else {
-                let known: Vec<&str> = Effect::all().map(|e| e.info().name).collect();
+            let Some(effect) = Effect::from_name(name) else {
+                let known: Vec<&str> = Effect::ALL.iter().map(|e| e.info().name).collect();
                 return Err(self.unknown(
                     key.span().start,
                     &format!("effect.{name}"),
                     &known.join(", "),
                 ));
             };
-            if effect.info().per_joint {
+            if effect.info().per_joint() {
                 for (joint_key, joint_entry) in self.table(name, entry)? {
                     let joint = joint_key
                         .get_ref()

@@ -82,9 +82,9 @@ fn errors_name_line_and_remedy() {
 
 #[test]
 fn effect_table_is_in_enum_order() {
-    for (k, effect) in Effect::all().enumerate() {
+    for (k, &effect) in Effect::ALL.iter().enumerate() {
         assert_eq!(effect as usize, k);
-        assert_eq!(Effect::by_name(effect.info().name), Some(effect));
+        assert_eq!(Effect::from_name(effect.info().name), Some(effect));
         for p in effect.info().parameters {
             assert!(p.neutral >= p.min && p.neutral <= p.max, "{}", p.key);
         }

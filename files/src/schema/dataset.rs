@@ -2,6 +2,7 @@
 
 use super::{described, number};
 use crate::dataset::bounds::{CAMERA_KEYS, CAMERA_LIMIT, HIGH, PERIOD_S, POSITIVE};
+use crate::model::Key;
 use serde_json::{Map, Value, json};
 
 /// A number, or `{ value, tolerance }` with the relative tolerance of one standard deviation.
@@ -59,6 +60,14 @@ fn text() -> Value {
     json!({ "type": "string" })
 }
 
+fn metamodule() -> Value {
+    let supply = Key::SupplyVoltage.info();
+    json!({ "type": "object", "properties": {
+        "model": described(text(), "model.toml, relative to the folder"),
+        "supply_v": described(quantity(supply.min, supply.max), "supply voltage without load, where it is not the model's"),
+    } })
+}
+
 pub(super) fn schema() -> Value {
     let run = json!({ "type": "object", "required": ["file"], "properties": {
         "file": described(text(), "CSV file, relative to the folder"),
@@ -79,7 +88,7 @@ pub(super) fn schema() -> Value {
             "name": text(),
             "signals": described(json!({ "type": "object", "additionalProperties": text() }), "our header name to the name in the CSV files"),
             "bench": bench(),
-            "metamodule": { "type": "object", "properties": { "model": described(text(), "model.toml, relative to the folder") } },
+            "metamodule": metamodule(),
             "camera": object(camera.into_iter().collect()),
             "run": { "type": "array", "minItems": 1, "items": run },
         },

@@ -13,18 +13,22 @@ fn parameter(min: f64, max: f64, meaning: &str) -> Value {
     described(closed(&["value"], keys).into(), meaning)
 }
 
+fn unit(unit: &'static str) -> &'static str {
+    if unit == "1" { "no unit" } else { unit }
+}
+
 fn effect(of: Effect) -> Value {
     let info = of.info();
     let parameters = info
         .parameters
         .iter()
-        .map(|p| (p.key.to_owned(), parameter(p.min, p.max, "")));
+        .map(|p| (p.key.to_owned(), parameter(p.min, p.max, unit(p.unit))));
     let one: Value = closed(&[], parameters.collect()).into();
-    if !info.per_joint {
-        return described(one, info.meaning);
+    if !info.per_joint() {
+        return described(one, info.plain);
     }
     let joints = (0..JOINTS).map(|joint| (format!("joint_{joint}"), one.clone()));
-    described(closed(&[], joints.collect()).into(), info.meaning)
+    described(closed(&[], joints.collect()).into(), info.plain)
 }
 
 pub(super) fn schema() -> Value {
@@ -41,7 +45,9 @@ pub(super) fn schema() -> Value {
             keys.insert(info.key.to_owned(), one);
         }
     }
-    let effects = Effect::all().map(|e| (e.info().name.to_owned(), effect(e)));
+    let effects = Effect::ALL
+        .iter()
+        .map(|&e| (e.name().to_owned(), effect(e)));
     top.insert("effect".to_owned(), closed(&[], effects.collect()).into());
     document("model.toml", &["format"], top).into()
 }

@@ -21,7 +21,8 @@ use protocol::link::{
 };
 use sha2::Digest as _;
 
-/// Battery below which no run starts and nothing is written to flash, mV: 2 cells at 3.3 V.
+/// Battery below which no run starts and nothing is written to flash, mV: 2 cells at 3.3 V. The board measures one pack of 2 cells, however
+/// the packs are wired; the supply of the motors is `supply.voltage_v` of the robot model, which may be that of two packs.
 pub const ARM_MV: u16 = 6_600;
 /// Battery below which a run stops, mV: 2 cells at 3.1 V under load; the drivers give up at 6.0 V.
 pub const STOP_MV: u16 = 6_200;
@@ -190,7 +191,10 @@ pub struct Core {
     pub(crate) cause: ResetCause,
     pub(crate) robot_id: u8,
     pub(crate) boot_id: u32,
-    pub(crate) entropy: [u8; 16],
+    /// Seed of the challenges; without one no challenge is given and nothing is started.
+    pub(crate) entropy: Option<[u8; 16]>,
+    /// Something happened that voids the open challenges of every link.
+    pub(crate) void_challenges: bool,
     pub(crate) nonces: u32,
     pub(crate) reboot_at_us: Option<u64>,
     pub(crate) now_us: u64,
@@ -235,7 +239,8 @@ impl Core {
             cause: ResetCause::PowerOn,
             robot_id: 1,
             boot_id: 1,
-            entropy: [0; 16],
+            entropy: None,
+            void_challenges: false,
             nonces: 0,
             reboot_at_us: None,
             now_us: 0,
@@ -326,18 +331,19 @@ impl Core {
     }
 
     /// Sixteen bytes from the boot's entropy and a counter: different every time, not to be foreseen without the entropy.
-    pub(crate) fn fresh_nonce(&mut self) -> Nonce {
+    pub(crate) fn fresh_nonce(&mut self) -> Result<Nonce, Reject> {
+        let entropy = self.entropy.ok_or(Reject::NoEntropy)?;
         self.nonces = self.nonces.wrapping_add(1);
         let hash = sha2::Sha256::new()
             .chain_update(b"rb nonce")
-            .chain_update(self.entropy)
+            .chain_update(entropy)
             .chain_update(self.nonces.to_le_bytes())
             .finalize();
         let mut nonce = [0; 16];
         for (place, byte) in nonce.iter_mut().zip(hash) {
             *place = byte;
         }
-        Nonce(nonce)
+        Ok(Nonce(nonce))
     }
 
     /// Refuses what would write flash: while something moves, while other work is under way, on a low battery.

@@ -53,6 +53,7 @@ impl Core {
         }
         if slot == Slot::Control {
             self.counts.cycles = self.counts.cycles.saturating_add(1);
+            self.events.tick(due_us);
             self.watch_battery();
             self.watch_link();
         }
@@ -82,6 +83,7 @@ impl Core {
         let quiet_us = self.now_us.saturating_sub(session.heard_us);
         if session.beats >= HEARTBEATS && !session.silent && quiet_us > LINK_SILENT_US {
             session.silent = true;
+            self.void_challenges = true;
             self.event(EventKind::LinkSilent);
         }
     }
@@ -349,6 +351,8 @@ impl Core {
         let end: RunEnd = run.end(samples, dropped);
         self.run_link = run.link;
         self.run = None;
+        // What was signed for this run is not for the time after it.
+        self.void_challenges = true;
         self.run_end = Some(end);
         for motor in self.motors.iter_mut() {
             motor.forget_sent();

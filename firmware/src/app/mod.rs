@@ -30,7 +30,7 @@ use crate::ports::{LinkKind, PortError, SlotStore};
 use crate::tasks::{BUS_BUFFER, LINKS};
 use control::motion::MotionParams;
 use control::supervisor::Supervisor;
-use protocol::link::{EventKind, FromModule, LinkCounters, MAX_FRAME, Port, Server};
+use protocol::link::{EventKind, FromModule, LinkCounters, MAX_FRAME, Port, PortFault, Server};
 
 /// Largest size of the state: two thirds of the L475's 96 KiB, the rest is for stack, drivers and the executor.
 const MAX_APP_BYTES: usize = 64 * 1024;
@@ -123,6 +123,7 @@ impl App {
 
     /// The bus receiver reported an error.
     pub fn bus_error(&mut self, error: PortError) {
+        self.core.port_error(LINKS, error);
         self.master.error(&mut self.core, error);
     }
 
@@ -140,7 +141,16 @@ impl App {
         if let Some((link, result)) = self.master.take_raw(&mut self.core) {
             self.complete(link, result);
         }
-        self.core.end_cycle(now_us)
+        let next_us = self.core.end_cycle(now_us);
+        self.void_challenges();
+        next_us
+    }
+
+    /// Voids the open challenges of all links if something asked for it.
+    fn void_challenges(&mut self) {
+        if ::core::mem::take(&mut self.core.void_challenges) {
+            self.servers.iter_mut().for_each(Server::void_challenge);
+        }
     }
 
     /// Whether the reset that was ordered is due.
@@ -200,17 +210,23 @@ impl App {
             if server.counters().frames != frames {
                 self.core.heard(link, now_us, in_run);
             }
+            self.void_challenges();
             if let Some(len) = answer {
                 self.queue(link, frame.get(..len).unwrap_or(&[]));
             }
         }
     }
 
-    /// The receiver of a link reported an error: what was half received is lost.
-    pub fn link_error(&mut self, link: usize, _error: PortError) {
+    /// The receiver of a link reported an error: what was half received is lost. A link that is gone ends its session.
+    pub fn link_error(&mut self, link: usize, error: PortError, now_us: u64) {
+        self.core.now_us = self.core.now_us.max(now_us);
         if let Some(server) = self.servers.get_mut(link) {
             server.restart();
+            if error == PortError::Closed {
+                server.void_challenge();
+            }
         }
+        self.core.port_error(link, error);
     }
 
     /// The next frame for a link: answers, then events, the record of the run, its end, live samples. 0 = nothing now.
@@ -245,6 +261,18 @@ impl App {
 }
 
 impl Core {
+    /// A receiver reported an error; the bus comes after the links.
+    fn port_error(&mut self, port: usize, error: PortError) {
+        let fault = match error {
+            PortError::Overrun => PortFault::Overrun,
+            PortError::Noise => PortFault::Noise,
+            PortError::Closed => PortFault::Closed,
+        };
+        // Three ports.
+        let port = port as u8;
+        self.event(EventKind::PortError { port, fault });
+    }
+
     /// A frame of a host came; `in_run`: a run was under way before it was carried out.
     fn heard(&mut self, link: usize, now_us: u64, in_run: bool) {
         let Some(session) = self.sessions.get_mut(link) else {

@@ -16,11 +16,13 @@ pub struct Run {
     pub number: u16,
     /// The slot it came from.
     pub slot: u8,
-    /// Fingerprint of the gait.
+    /// Fingerprint of the gait that governs the set-points.
     pub digest: Digest,
+    /// Fingerprint of the gait that takes over at the end of the planner's queue.
+    pub next_digest: Option<Digest>,
     /// The link that ordered it.
     pub link: usize,
-    /// Telemetry.
+    /// What is recorded of this run; nothing but the start order sets it.
     pub rate: TelemetryRate,
     gait: Gait,
     /// From the first cycle with torque on.
@@ -49,6 +51,7 @@ impl Run {
             number,
             slot: order.slot,
             digest: order.digest,
+            next_digest: None,
             link,
             rate: order.rate,
             gait,
@@ -78,14 +81,18 @@ impl Run {
         }
     }
 
-    /// Once a second: whether gait and planner still hold what was started.
-    #[must_use]
-    pub fn is_intact(&self) -> bool {
+    /// Once a second: whether gait and planner still hold what was ordered.
+    pub fn is_intact(&mut self) -> bool {
         if !self.age_cycles.is_multiple_of(CHECK_CYCLES) {
             return true;
         }
         let planned = self.planner.as_ref().map_or(&self.gait, Planner::gait);
-        WireGait::from(planned).digest() == self.digest
+        let found = WireGait::from(planned).digest();
+        if self.next_digest == Some(found) {
+            self.digest = found;
+            self.next_digest = None;
+        }
+        found == self.digest
     }
 
     /// Notes why the run ends; the first reason stays.
@@ -93,7 +100,8 @@ impl Run {
         let reason = match state {
             State::Stopping { reason, .. } => match reason {
                 StopReason::Ordered => EndReason::Stopped,
-                StopReason::LeaseOver => EndReason::Completed,
+                StopReason::DurationOver => EndReason::Completed,
+                StopReason::LeaseOver => EndReason::HostLost,
                 StopReason::ApproachBlocked => EndReason::ApproachBlocked,
                 StopReason::ArmTimeout => EndReason::ArmTimeout,
                 StopReason::Fault(fault) => EndReason::Fault((*fault).into()),
@@ -108,7 +116,10 @@ impl Run {
         };
         // A fault during a ramp is worth more than the order that began it.
         let worse = matches!(reason, EndReason::Fault(_) | EndReason::StopInput)
-            && matches!(self.reason, Some(EndReason::Completed | EndReason::Stopped));
+            && matches!(
+                self.reason,
+                Some(EndReason::Completed | EndReason::Stopped | EndReason::HostLost)
+            );
         if self.reason.is_none() || worse {
             self.reason = Some(reason);
         }

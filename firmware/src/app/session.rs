@@ -6,6 +6,7 @@ use super::run::Run;
 use crate::crash;
 use crate::slots::GAIT_SLOTS;
 use control::gait::Gait;
+use control::motion::RetargetError;
 use control::supervisor::{Event as SupervisorEvent, Order};
 use heapless::Vec;
 use protocol::link::event::Event;
@@ -51,6 +52,20 @@ impl Visitor<'_> {
             .get(index)
             .and_then(Option::as_ref)
             .ok_or(Reject::SlotEmpty)
+    }
+
+    /// The gait of a slot, if it is the one the host means. Stored gaits were checked at upload; checked again, because flash is another source than
+    /// the link.
+    fn gait(&self, slot: u8, digest: Digest) -> Result<Gait, Reject> {
+        let stored = self.stored(slot)?;
+        if stored.digest != digest {
+            return Err(Reject::OtherGait {
+                stored: stored.digest,
+            });
+        }
+        Gait::try_from(&stored.gait).map_err(|_| Reject::Storage {
+            fault: StorageFault::Damaged,
+        })
     }
 }
 
@@ -104,7 +119,7 @@ impl ModuleHandler for Visitor<'_> {
         }
     }
 
-    fn fresh_nonce(&mut self) -> Nonce {
+    fn fresh_nonce(&mut self) -> Result<Nonce, Reject> {
         self.core.fresh_nonce()
     }
 
@@ -118,6 +133,8 @@ impl ModuleHandler for Visitor<'_> {
     }
 
     fn stop(&mut self) {
+        // Nothing that was signed before this STOP may move the robot after it, on whatever link it comes.
+        self.core.void_challenges = true;
         self.core.event(EventKind::Stop { input: false });
         // Stop is never refused.
         let _ = self.core.supervise(SupervisorEvent::Order(Order::Stop));
@@ -191,16 +208,10 @@ impl ModuleHandler for Visitor<'_> {
     }
 
     fn start(&mut self, order: &StartOrder) -> Result<Outcome, Reject> {
-        let stored = self.stored(order.slot)?;
-        if stored.digest != order.digest {
-            return Err(Reject::OtherGait {
-                stored: stored.digest,
-            });
+        let gait = self.gait(order.slot, order.digest)?;
+        if self.core.entropy.is_none() {
+            return Err(Reject::NoEntropy);
         }
-        // Stored gaits were checked at upload; checked again, because flash is another source than the link.
-        let gait = Gait::try_from(&stored.gait).map_err(|_| Reject::Storage {
-            fault: StorageFault::Damaged,
-        })?;
         if self.core.job.is_some() || self.core.bus_job.is_some() {
             return Err(Reject::Busy);
         }
@@ -217,8 +228,9 @@ impl ModuleHandler for Visitor<'_> {
             return Err(Reject::MotorsMissing { missing_mask });
         }
         self.core.supervise(SupervisorEvent::Order(Order::Start {
-            lease_us: u64::from(order.duration_ms).saturating_mul(1_000),
+            duration_us: u64::from(order.duration_ms).saturating_mul(1_000),
             countdown_us: u64::from(order.countdown_ms).saturating_mul(1_000),
+            lease_us: order.lease_ms.map(|ms| u64::from(ms).saturating_mul(1_000)),
         }))?;
         self.core.runs = self.core.runs.wrapping_add(1);
         for session in &mut self.core.sessions {
@@ -231,6 +243,35 @@ impl ModuleHandler for Visitor<'_> {
         self.core.run_link = self.link;
         self.core.run_end = None;
         self.core.run = Some(Run::new(self.core.runs, gait, order, self.link));
+        Ok(Outcome::Done(()))
+    }
+
+    fn heartbeat(&mut self) -> Result<Outcome, Reject> {
+        self.core
+            .supervise(SupervisorEvent::Order(Order::Heartbeat))?;
+        Ok(Outcome::Done(()))
+    }
+
+    fn change_gait(&mut self, slot: u8, digest: Digest) -> Result<Outcome, Reject> {
+        let gait = self.gait(slot, digest)?;
+        let core = &mut *self.core;
+        let state = core.state();
+        if state != ModuleState::Run {
+            return Err(Reject::State { state });
+        }
+        let planner = core.run.as_mut().and_then(|run| run.planner.as_mut());
+        let planner = planner.ok_or(Reject::State { state })?;
+        planner
+            .retarget(&core.motion, &gait)
+            .map_err(|error| match error {
+                RetargetError::Mismatch(mismatch) => Reject::Gait(GaitReject::from(mismatch)),
+                RetargetError::ChangePending => Reject::Busy,
+            })?;
+        if let Some(run) = core.run.as_mut() {
+            run.next_digest = Some(digest);
+            run.slot = slot;
+        }
+        core.event(EventKind::GaitChanged { slot, digest });
         Ok(Outcome::Done(()))
     }
 
@@ -270,10 +311,7 @@ impl ModuleHandler for Visitor<'_> {
     }
 
     fn subscribe(&mut self, rate: TelemetryRate) -> Result<(), Reject> {
-        let link = self.link;
-        if let Some(run) = self.core.run.as_mut().filter(|run| run.link == link) {
-            run.rate = rate;
-        }
+        // Of this link alone. What a run records is ordered with its start, with proof.
         if let Some(session) = self.session() {
             session.rate = rate;
         }
@@ -292,7 +330,8 @@ impl ModuleHandler for Visitor<'_> {
     }
 
     fn drain(&mut self, from: u32) -> Result<SampleBlock, Reject> {
-        Ok(self.core.telemetry.drain(from))
+        let to_recorder = self.link == self.core.run_link;
+        Ok(self.core.telemetry.drain(from, to_recorder))
     }
 
     fn bus_raw(&mut self, bytes: &[u8], listen_ms: u16) -> Result<Outcome<BusAnswer>, Reject> {
@@ -363,7 +402,8 @@ pub(crate) fn wire_crash(record: &crash::CrashRecord) -> CrashRecord {
     CrashRecord {
         kind: match record.kind {
             crash::CrashKind::Panic => CrashKind::Panic,
-            crash::CrashKind::HardFault | crash::CrashKind::StackOverflow => CrashKind::HardFault,
+            crash::CrashKind::HardFault => CrashKind::HardFault,
+            crash::CrashKind::StackOverflow => CrashKind::StackOverflow,
             crash::CrashKind::Nmi => CrashKind::Nmi,
         },
         uptime_us: record.t_us,

@@ -4,10 +4,11 @@ use super::core::{Core, Job, Settings, Stored};
 use super::dry_run::Progress;
 use super::session::{boot_event, wire_crash};
 use crate::crash::{BLOCK_BYTES, CrashRecord};
+use crate::entropy::EntropyError;
 use crate::ports::{ResetCause, SlotStore};
 use crate::slots::{CRASH_PAIR, GAIT_SLOTS, SETTINGS_PAIR, SlotError};
 use control::gait::Gait;
-use control::supervisor::Event as SupervisorEvent;
+use control::supervisor::{Event as SupervisorEvent, Fault};
 use protocol::link::gait::MAX_GAIT;
 use protocol::link::{
     Completed, EventKind, KEY_LEN, Key, Reject, StorageFault, StoredGait, WireGait,
@@ -27,8 +28,8 @@ pub struct BootFacts {
     pub cause: ResetCause,
     /// The chip's unique id.
     pub unique_id: [u8; 12],
-    /// Bytes that differ at every boot.
-    pub entropy: [u8; 16],
+    /// Bytes that differ at every boot, or why there are none.
+    pub entropy: Result<[u8; 16], EntropyError>,
     /// Fault record that survived the reset.
     pub crash: Option<CrashRecord>,
     /// Time since boot, us.
@@ -42,12 +43,13 @@ impl Core {
     pub(crate) fn boot<S: SlotStore>(&mut self, store: &mut S, facts: &BootFacts) {
         self.now_us = facts.now_us;
         self.cause = facts.cause;
-        self.entropy = facts.entropy;
+        self.entropy = facts.entropy.ok();
         let hash = sha2::Sha256::new().chain_update(facts.unique_id).finalize();
         self.robot_id = hash.first().map_or(1, |byte| byte % 254 + 1);
         let hash = sha2::Sha256::new()
             .chain_update(b"rb boot")
-            .chain_update(facts.entropy)
+            .chain_update(self.entropy.unwrap_or_default())
+            .chain_update(facts.unique_id)
             .finalize();
         let boot_id = hash
             .first_chunk::<4>()
@@ -66,6 +68,10 @@ impl Core {
         self.event(boot_event(self));
         // Never refused: nothing else has happened yet.
         let _ = self.supervise(SupervisorEvent::Booted);
+        if self.entropy.is_none() {
+            // Shown as a latched fault; clearing it gives no challenge.
+            let _ = self.supervise(SupervisorEvent::Fault(Fault::Internal));
+        }
     }
 
     fn read_settings<S: SlotStore>(&self, store: &mut S) -> Settings {

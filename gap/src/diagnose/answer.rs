@@ -451,6 +451,7 @@ pub(super) fn empty() -> Verdict {
             seed: 0,
             split: String::new(),
             wall_time_s: 0.0,
+            warnings: Vec::new(),
         },
     }
 }

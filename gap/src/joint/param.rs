@@ -55,7 +55,7 @@ params! {
     Coulomb = 0.0, "N m or N";
     Viscous = 0.0, "N m s/rad";
     Static = 0.0, "friction above Coulomb at standstill";
-    StribeckSpeed = 0.1, "speed at which half of it is gone";
+    StribeckSpeed = 0.1, "speed at which 1/e of it is left";
     LoadShare = 0.0, "friction over transmitted effort";
     Behind = 0.5, "share of the inertia that sits behind the gear";
     LoadOf = 0.0, "what rubs in a gear: 0 what it transmits to the load, 1 the larger of motor effort and hanging load";

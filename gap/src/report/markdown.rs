@@ -48,6 +48,12 @@ pub fn markdown(v: &Verdict) -> String {
         let _ = writeln!(s, "- {}: {}", u.effect.name(), u.why);
     }
     let p = &v.provenance;
+    if !p.warnings.is_empty() {
+        s.push_str("\n## Warnings of the reader\n\n");
+    }
+    for warning in &p.warnings {
+        let _ = writeln!(s, "- {warning}");
+    }
     let _ = write!(
         s,
         "\n{}, seed {}, {}, data {}\n",

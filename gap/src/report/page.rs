@@ -301,6 +301,9 @@ fn unseen(s: &mut String, v: &Verdict) {
 fn provenance(s: &mut String, v: &Verdict) {
     let p = &v.provenance;
     let commit = p.commit.as_deref().unwrap_or("commit not known");
+    for warning in &p.warnings {
+        let _ = write!(s, "<p class=\"warning\">{}</p>", escape(warning));
+    }
     let _ = write!(
         s,
         "<footer><p>{} ({}), seed {}, {:.1} s. Split: {}. Held out: {}. Data: {}.</p></footer>",

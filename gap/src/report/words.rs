@@ -233,10 +233,17 @@ mod tests {
     #[test]
     fn every_parameter_of_the_vocabulary_reads_well() {
         for effect in crate::vocabulary::Effect::ALL {
-            for key in effect.parameters() {
+            for key in effect.parameters().iter().map(|p| p.key) {
                 let (name, unit) = parameter(key);
-                let bare = ["permutation", "ratio", "probability", "fraction", "periods"];
-                let none = bare.contains(key) || *key == "coefficient";
+                let bare = [
+                    "permutation",
+                    "sign",
+                    "ratio",
+                    "probability",
+                    "fraction",
+                    "periods",
+                ];
+                let none = bare.contains(&key) || key == "coefficient";
                 assert!(!name.is_empty() && none == unit.is_empty(), "{key}");
             }
         }

@@ -407,6 +407,7 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
             seed: settings.seed,
             split: d.split.clone(),
             wall_time_s: 0.0,
+            warnings: Vec::new(),
         },
     };
     (verdict, s.joints)

@@ -4,7 +4,7 @@ use super::body::{B, SOFTER, Tier};
 use super::conventions::permutations;
 use super::data::{Data, JOINTS};
 use super::direct;
-use super::nominal::INTER;
+use super::nominal;
 use super::search::Fit;
 
 /// Cost below which no other order of joints and no other sign is tried: turned end cubes alone show 3.5; robots without a cause show up to
@@ -156,7 +156,7 @@ fn by_motors(tier: &mut Tier, theta: &[f64], kinds: &[Option<bool>; JOINTS]) -> 
 /// Whether every joint of `order` has a motor of its own kind, as far as motors are known.
 fn allowed(order: &[usize; JOINTS], kinds: &[Option<bool>; JOINTS]) -> bool {
     let own =
-        |(k, from): (usize, &usize)| kinds[*from].is_none_or(|weak| weak == INTER.contains(&k));
+        |(k, from): (usize, &usize)| kinds[*from].is_none_or(|weak| weak == nominal::inter(k));
     order.iter().enumerate().all(own)
 }
 

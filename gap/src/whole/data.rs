@@ -1,11 +1,13 @@
 //! A whole-robot data set as tracks: what was measured, of what, when.
 
 use files::dataset::{Manifest, Recording, Role, Signal, repeat_groups};
+use files::model::Model;
 
 use super::inertial::{Inertial, Reckoned};
+use super::nominal::Motors;
 
 /// Joints of the meta-module.
-pub const JOINTS: usize = 6;
+pub const JOINTS: usize = files::model::MOTORS.len();
 
 /// Samples of one signal in order of time; only finite ones.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -182,6 +184,8 @@ pub struct Data {
     pub runs: Vec<Run>,
     /// Names of the gaits.
     pub gaits: Vec<String>,
+    /// Nominal motors and supply.
+    pub motors: Motors,
 }
 
 fn joint_tracks(r: &Recording, k: usize) -> JointTracks {
@@ -262,9 +266,9 @@ fn base(r: &Recording) -> Option<BaseTrack> {
 }
 
 impl Data {
-    /// The tracks of a data set.
+    /// The tracks of a data set on a robot with the motors of `model`.
     #[must_use]
-    pub fn new(manifest: &Manifest, recordings: &[Recording]) -> Self {
+    pub fn new(manifest: &Manifest, recordings: &[Recording], model: &Model) -> Self {
         let groups = repeat_groups(manifest, recordings);
         let mut gaits: Vec<String> = Vec::new();
         let mut runs = Vec::new();
@@ -291,7 +295,12 @@ impl Data {
                 index,
             });
         }
-        Self { runs, gaits }
+        let motors = Motors::of(model);
+        Self {
+            runs,
+            gaits,
+            motors,
+        }
     }
 
     /// The same with the tracks of joint `k` taken from column `order[k]`.

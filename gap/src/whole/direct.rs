@@ -4,7 +4,7 @@ use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Track};
 use super::echo;
 use super::least::solve;
-use super::nominal::{INTER, nm_per_a};
+use super::nominal::{self, Motors};
 use crate::math;
 use crate::verdict::Estimate;
 use crate::vocabulary::Effect;
@@ -27,23 +27,13 @@ impl Reading {
     }
 }
 
-/// Winding resistances of the two motors, ohm (catalogue of the 2342 012 CR and the 2232 012 SR).
-fn winding_ohm(k: usize) -> f64 {
-    if INTER.contains(&k) { 4.09 } else { 1.9 }
-}
-
-/// Spread of motor constants and of windings of one type (1 sigma, relative); beyond three of them it is an effect. Windings also
-/// warm up: 4 % per 10 K.
-const MOTOR: [f64; 2] = [0.03, 0.04];
-/// The same where no speed was recorded and the slope of the angle stands for it: what the slope smooths away goes with the current. Of two robots that
+/// Least spread of motor constants and of windings (1 sigma, relative) where no speed was recorded and the slope of the angle stands for it: what the slope smooths away goes with the current. Of two robots that
 /// MuJoCo played one winding each came out 1.23 and 1.25, and constants 0.86 to 0.90.
 const MOTOR_SLOPED: [f64; 2] = [0.09, 0.12];
+/// Spreads of its type (model) beyond which a motor has an effect.
 const BEYOND: f64 = 3.0;
 /// Factor on an error that a jackknife over some gaits gives: of six gaits it is known to a third.
 const ERRORS: f64 = 1.5;
-/// Voltage for which Table I states the motors, V, and the spread of a charged battery (1 sigma).
-const SUPPLY_V: f64 = 12.0;
-const SUPPLY_SPREAD_V: f64 = 0.15;
 /// Least source resistance that counts, ohm: below it six motors at 0.5 A move the bus by less than 0.1 V.
 const LEAST_OHM: f64 = 0.03;
 /// Relative error of a source resistance: five came out 7 to 15 % high (emulated robots), perhaps because filtered readings of the current miss
@@ -78,13 +68,17 @@ impl Volts {
     }
 
     /// Torque constant and resistance of joint `k` over nominal.
-    fn ratios(&self, k: usize) -> Option<[f64; 2]> {
+    fn ratios(&self, motors: &Motors, k: usize) -> Option<[f64; 2]> {
         let [a, b, c, d] = self.a;
         let det = a * d - b * c;
         let ohm = (d * self.b[0] - b * self.b[1]) / det;
         let volt_s = (a * self.b[1] - c * self.b[0]) / det;
-        (ohm.is_finite() && volt_s.is_finite())
-            .then(|| [volt_s / nm_per_a(k), ohm / winding_ohm(k)])
+        (ohm.is_finite() && volt_s.is_finite()).then(|| {
+            [
+                volt_s / motors.nm_per_a[k][0],
+                ohm / motors.winding_ohm[k][0],
+            ]
+        })
     }
 }
 
@@ -136,7 +130,7 @@ fn windings(data: &Data, k: usize) -> Option<[(f64, f64); 2]> {
         let mut all = Volts::default();
         let kept = sums.iter().enumerate().filter(|s| Some(s.0) != left_out);
         kept.for_each(|s| all.add(s.1));
-        all.ratios(k)
+        all.ratios(&data.motors, k)
     };
     let whole = without(None)?;
     let n = sums.len() as f64;
@@ -163,7 +157,7 @@ pub(super) fn displaced(data: &Data) -> Option<[Option<bool>; JOINTS]> {
     let kinds: [Option<bool>; JOINTS] = std::array::from_fn(|k| kind(data, k));
     let astray = |inter| {
         let here =
-            |(k, kind): (usize, &Option<bool>)| *kind == Some(inter) && INTER.contains(&k) != inter;
+            |(k, kind): (usize, &Option<bool>)| *kind == Some(inter) && nominal::inter(k) != inter;
         kinds.iter().enumerate().any(here)
     };
     (astray(true) && astray(false)).then_some(kinds)
@@ -172,16 +166,18 @@ pub(super) fn displaced(data: &Data) -> Option<[Option<bool>; JOINTS]> {
 /// Whether the motor in column `k` is of the inter joints' kind.
 fn kind(data: &Data, k: usize) -> Option<bool> {
     let measured = windings(data, k)?;
-    let own = INTER.contains(&k);
+    let own = nominal::inter(k);
+    let motors = &data.motors;
     let like = |inter: bool| {
-        let (here, there) = (k, if inter { INTER[0] } else { 0 });
-        let to = [
-            nm_per_a(here) / nm_per_a(there),
-            winding_ohm(here) / winding_ohm(there),
-        ];
+        let there = (0..JOINTS).find(|j| nominal::inter(*j) == inter);
+        let there = there.unwrap_or(k);
+        let over = |of: &[[f64; 2]; JOINTS]| of[k][0] / of[there][0];
+        let to = [over(&motors.nm_per_a), over(&motors.winding_ohm)];
+        let spread = motors.spread(there);
         let off = |what: usize| {
             let (ratio, error) = measured[what];
-            ((ratio * to[what] - 1.0) / libm::hypot(MOTOR[what], ERRORS * error * to[what])).powi(2)
+            let tolerance = libm::hypot(spread[what], ERRORS * error * to[what]);
+            ((ratio * to[what] - 1.0) / tolerance).powi(2)
         };
         off(0) + off(1)
     };
@@ -193,16 +189,17 @@ fn kind(data: &Data, k: usize) -> Option<bool> {
 
 /// Spread of torque constant and winding of joint `k` as its signals show them, over those of its type, and the part of it that is the signals'.
 fn motor(data: &Data, k: usize) -> [[f64; 2]; 2] {
+    let own = data.motors.spread(k);
     if data.has(k, |j| j.velocity.is_some()) {
-        [MOTOR, [0.0; 2]]
-    } else {
-        [MOTOR_SLOPED; 2]
+        return [own, [0.0; 2]];
     }
+    let sloped = [0, 1].map(|what| MOTOR_SLOPED[what].max(own[what]));
+    [sloped, MOTOR_SLOPED]
 }
 
 /// Motors against their type and against each other; the resistance of every winding, ohm.
 fn motors(data: &Data, conventions: &mut Conventions, out: &mut Vec<Reading>) -> [f64; JOINTS] {
-    let mut ohm = std::array::from_fn(winding_ohm);
+    let mut ohm = data.motors.winding_ohm.map(|w| w[0]);
     let all: Vec<Option<[(f64, f64); 2]>> = (0..JOINTS).map(|k| windings(data, k)).collect();
     for (what, effect) in [(0, Effect::MotorConstant), (1, Effect::WindingResistance)] {
         let known: Vec<f64> = all.iter().flatten().map(|v| v[what].0).collect();
@@ -291,13 +288,14 @@ fn supply(data: &Data, out: &mut Vec<Reading>) -> bool {
             gain: (ohm / LEAST_OHM).powi(2).min(1e3),
         });
     }
-    if (volt - SUPPLY_V).abs() > 4.0 * SUPPLY_SPREAD_V {
+    let [nominal_v, spread_v] = data.motors.supply_v;
+    if (volt - nominal_v).abs() > 4.0 * spread_v {
         out.push(Reading {
             effect: Effect::SupplyVoltage,
             joint: None,
             key: "value_v",
             estimate: exact(volt, 1.96 * error(&volts, volt)),
-            gain: ((volt - SUPPLY_V) / SUPPLY_SPREAD_V).powi(2).min(1e3),
+            gain: ((volt - nominal_v) / spread_v).powi(2).min(1e3),
         });
     }
     true

@@ -1,6 +1,7 @@
 //! One step of a joint's motor against friction and load.
 
 use super::servo::{J, STEP_S};
+use physics::laws::{Scalar, stribeck};
 
 /// Inertia that regularises the torque limit, kg m2: that of one half-sphere about its cube's centre is 6.6e-4, of half the
 /// robot about a joint 0.02; the replayed load already holds the true one.
@@ -31,11 +32,12 @@ pub(super) struct Friction {
 
 impl Friction {
     pub(super) fn at(p: &[f64], v: f64, load: f64) -> Self {
-        let x = v / p[J::StribeckSpeed as usize].max(1e-4);
+        let stick = match p[J::Static as usize] {
+            0.0 => 0.0,
+            stick => stribeck::<Scalar>(stick, v / p[J::StribeckSpeed as usize].max(1e-4)),
+        };
         Self {
-            base: p[J::Coulomb as usize]
-                + p[J::Static as usize] / (1.0 + x * x)
-                + p[J::LoadShare as usize] * load.abs(),
+            base: p[J::Coulomb as usize] + stick + p[J::LoadShare as usize] * load.abs(),
             half_asymmetry: 0.5 * p[J::Asymmetry as usize],
             damping: p[J::Viscous as usize] + p[J::Quadratic as usize] * v.abs(),
             half_asymmetry_damping: 0.5 * p[J::AsymmetryViscous as usize],
@@ -106,6 +108,18 @@ pub(super) fn drive(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn sticking_friction_falls_as_a_bell() {
+        let mut p = vec![0.0; J::COUNT];
+        (p[J::Coulomb as usize], p[J::Static as usize]) = (0.2, 0.5);
+        p[J::StribeckSpeed as usize] = 0.1;
+        for v in [-0.3, -0.1, 0.0, 0.05, 0.1, 0.25, 3.0] {
+            let exact = 0.2 + 0.5 * libm::exp(-(v / 0.1) * (v / 0.1));
+            let dry = Friction::at(&p, v, 0.0).dry(1.0);
+            assert!((dry - exact).abs() < 1e-6, "{v}: {dry} {exact}");
+        }
+    }
 
     #[test]
     fn a_motor_weakens_from_when_it_was_switched_on() {

@@ -16,7 +16,7 @@ use super::data::{Data, JOINTS};
 use super::joints::Found;
 use super::rivals::{Explanation, Open};
 use super::steady::Change;
-use super::{Parts, gaits, nominal, predict, windows};
+use super::{Parts, gaits, predict, windows};
 use crate::math::{self, Rng};
 use crate::vocabulary::Effect;
 
@@ -590,7 +590,7 @@ impl Question {
             Quantity::Torque { joint } => (
                 format!("the root mean square current of joint {joint}"),
                 "A",
-                1.0 / nominal::nm_per_a(joint),
+                1.0 / self.data.motors.nm_per_a[joint][0],
             ),
         }
     }

@@ -1,11 +1,10 @@
 //! What may be wrong with a joint: its coordinates with their tolerances, and the effects with the values they start from.
 
-use files::model::{Key, Model};
+use files::model::{Key, MOTORS, Model};
 
 use super::conventions::Conventions;
 use super::echo::Echo;
 use super::joints::Tier;
-use super::nominal::INTER;
 use super::search::{Candidate, Coordinate};
 use super::servo::{J, JointRun};
 use crate::math;
@@ -32,21 +31,8 @@ fn coordinate(neutral: f64, sigma: f64, step: f64, range: [f64; 2]) -> Coordinat
 
 /// The coordinates of joint `k` with the tolerances of `model` as priors.
 pub(super) fn coordinates(model: &Model, k: usize, applied: bool, ampere: bool) -> Vec<Coordinate> {
-    let keys = if INTER.contains(&k) {
-        [
-            Key::InterGain,
-            Key::InterSpeed,
-            Key::InterTorque,
-            Key::InterDamping,
-        ]
-    } else {
-        [
-            Key::IntraGain,
-            Key::IntraSpeed,
-            Key::IntraTorque,
-            Key::IntraDamping,
-        ]
-    };
+    let keys = MOTORS[k];
+    let keys = [keys.gain, keys.speed, keys.torque, keys.damping];
     let relative = |key: Key| {
         let p = model.parameter(key);
         (p.tolerance / p.value.max(1e-9)).clamp(1e-3, 1.0)

@@ -1,11 +1,48 @@
 //! The servos of the model: Table II of the paper, or what a user stated in its place.
 
-use files::model::{Key, Model};
+use files::model::{Key, MOTORS, Model, MotorKeys};
 
 use super::data::JOINTS;
 
-/// Joints between cubes; the others sit inside one.
-pub(super) const INTER: [usize; 2] = [1, 4];
+/// Constants of motors and supply, as the model states them, each with its relative tolerance (1 sigma) but the supply's.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Motors {
+    /// Torque per current at the output, N m/A, by joint.
+    pub(super) nm_per_a: [[f64; 2]; JOINTS],
+    /// Resistance of the winding, ohm, by joint.
+    pub(super) winding_ohm: [[f64; 2]; JOINTS],
+    /// Voltage of the supply without load and its tolerance, V.
+    pub(super) supply_v: [f64; 2],
+}
+
+impl Motors {
+    /// Those of `model`.
+    #[must_use]
+    pub fn of(model: &Model) -> Self {
+        let by_joint = |key: fn(&MotorKeys) -> Key| {
+            MOTORS.map(|keys| {
+                let p = model.parameter(key(&keys));
+                [p.value, p.tolerance / p.value]
+            })
+        };
+        let supply = model.parameter(Key::SupplyVoltage);
+        Self {
+            nm_per_a: by_joint(|k| k.torque_per_current),
+            winding_ohm: by_joint(|k| k.winding),
+            supply_v: [supply.value, supply.tolerance],
+        }
+    }
+
+    /// Spread of torque constant and winding of joint `k`, relative.
+    pub(super) fn spread(&self, k: usize) -> [f64; 2] {
+        [self.nm_per_a[k][1], self.winding_ohm[k][1]]
+    }
+}
+
+/// Whether joint `k` has the motor of the joints between cubes; the others sit inside one.
+pub(super) fn inter(k: usize) -> bool {
+    MOTORS[k] == MOTORS[1]
+}
 
 /// Nominal values of a joint's servo.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,52 +73,30 @@ impl Nominal {
     }
 }
 
-/// Rated figures of the two motors (paper, Table I): no-load speed at 12 V gives torque per current at the output.
-pub(super) fn nm_per_a(k: usize) -> f64 {
-    if INTER.contains(&k) {
-        12.0 / 2.032
-    } else {
-        12.0 / 2.786
-    }
-}
-
 /// Damping of every joint, N m s/rad.
 pub(super) fn damping_nm_s(model: &Model) -> [f64; JOINTS] {
-    std::array::from_fn(|k| {
-        model.value(if INTER.contains(&k) {
-            Key::InterDamping
-        } else {
-            Key::IntraDamping
-        })
-    })
+    MOTORS.map(|keys| model.value(keys.damping))
 }
 
 /// The servo of joint `k` as `model` has it.
 pub(super) fn nominal(model: &Model, k: usize) -> Nominal {
-    let keys = if INTER.contains(&k) {
-        [
-            Key::InterSpeed,
-            Key::InterTorque,
-            Key::InterGain,
-            Key::InterDamping,
-        ]
-    } else {
-        [
-            Key::IntraSpeed,
-            Key::IntraTorque,
-            Key::IntraGain,
-            Key::IntraDamping,
-        ]
-    };
-    let [speed, torque, gain, damping] = keys.map(|key| model.value(key));
+    let MotorKeys {
+        speed,
+        torque,
+        gain,
+        damping,
+        torque_per_current,
+        ..
+    } = MOTORS[k];
+    let gain_per_s = model.value(gain);
     Nominal {
-        gain_per_s: gain,
-        gain_tolerance: model.parameter(keys[2]).tolerance / gain.max(1e-9),
-        max_speed_rad_s: speed,
-        max_torque_nm: torque,
-        torque_tolerance_nm: model.parameter(keys[1]).tolerance,
+        gain_per_s,
+        gain_tolerance: model.parameter(gain).tolerance / gain_per_s.max(1e-9),
+        max_speed_rad_s: model.value(speed),
+        max_torque_nm: model.value(torque),
+        torque_tolerance_nm: model.parameter(torque).tolerance,
         winding_ohm: 0.0,
-        damping_nm_s_rad: damping,
-        nm_per_a: nm_per_a(k),
+        damping_nm_s_rad: model.value(damping),
+        nm_per_a: model.value(torque_per_current),
     }
 }

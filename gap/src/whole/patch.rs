@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use files::model::{Effect as ModelEffect, EffectEntry, Model, Parameter};
+use files::model::{EffectEntry, Model, Parameter};
 use physics::Params;
 
 use crate::verdict::{EffectRow, Estimate};
@@ -21,9 +21,6 @@ pub(super) fn patched<'a>(model: &Model, parts: impl IntoIterator<Item = Part<'a
     let mut out = model.clone();
     out.set_name(&format!("{}, patched", model.name()));
     for (effect, joint, values) in parts {
-        let Some(effect) = ModelEffect::by_name(effect.name()) else {
-            continue;
-        };
         let info = effect.info();
         let parameters = info
             .parameters
@@ -39,7 +36,7 @@ pub(super) fn patched<'a>(model: &Model, parts: impl IntoIterator<Item = Part<'a
             .collect();
         let joint = joint
             .and_then(|k| u8::try_from(k).ok())
-            .filter(|_| info.per_joint);
+            .filter(|_| info.per_joint());
         let mut next = out.clone();
         let entry = EffectEntry {
             effect,

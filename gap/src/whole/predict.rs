@@ -174,7 +174,7 @@ pub fn predict(
     recordings: &[Recording],
     model: &Model,
 ) -> Result<Vec<(String, String)>, ParamsError> {
-    let data = Data::new(manifest, recordings);
+    let data = Data::new(manifest, recordings, model);
     let params = Arc::new(Params::try_from(model)?);
     let runs: Vec<usize> = (0..data.runs.len()).collect();
     let outcomes = rollouts(&data, &runs, &params);

@@ -84,7 +84,7 @@ impl Seen {
 impl Task<'_> {
     /// Signals and body.
     pub(super) fn see(&self, recordings: &[Recording]) -> Result<Seen, WholeError> {
-        let mut data = Data::new(self.manifest, recordings);
+        let mut data = Data::new(self.manifest, recordings, self.model);
         film::track(
             &mut data,
             self.films,

@@ -7,7 +7,6 @@ use rayon::prelude::*;
 
 use super::data::{BaseTrack, Data, JOINTS, Run};
 use super::inertial::Motion;
-use super::nominal;
 use super::turn;
 
 /// Time between samples of the led angles, s.
@@ -302,7 +301,7 @@ pub(super) fn measured(data: &Data, windows: &mut [Window], damping_nm_s: [f64; 
         for (k, j) in data.runs[w.run].joints.iter().enumerate() {
             let (Some(track), scale) = (match (&j.effort, &j.current) {
                 (Some(t), _) => (Some(t), 1.0),
-                (None, t) => (t.as_ref(), nominal::nm_per_a(k)),
+                (None, t) => (t.as_ref(), data.motors.nm_per_a[k][0]),
             }) else {
                 continue;
             };

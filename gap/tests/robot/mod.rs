@@ -26,6 +26,10 @@ pub(crate) struct Plan {
     pub(crate) effort: bool,
     /// Current, duty and bus voltage, of the catalogue's motors.
     pub(crate) motors: bool,
+    /// Voltage of the supply, V.
+    pub(crate) bus_v: f64,
+    /// What the data set states of its robot, a table of `dataset.toml`.
+    pub(crate) stated: &'static str,
     /// Link angle columns.
     pub(crate) link: bool,
     /// Columns of the set-points as each joint's driver echoes them.
@@ -44,6 +48,8 @@ impl Default for Plan {
             base: true,
             effort: true,
             motors: false,
+            bus_v: 12.0,
+            stated: "",
             link: false,
             echo: false,
             columns: [0, 1, 2, 3, 4, 5],
@@ -132,11 +138,8 @@ fn jittered(reality: &Reality, seed: u64) -> Model {
     model
 }
 
-/// Bus voltage of recorded motors, V.
-const BUS_V: f64 = 12.0;
-
 /// Current, A, and duty of the motor of joint `k` in row `i`: `duty V = R i + k w` with the catalogue's numbers, referred to the output.
-fn motor(outcome: &physics::Outcome, i: usize, k: usize) -> [f64; 2] {
+fn motor(outcome: &physics::Outcome, i: usize, k: usize, bus_v: f64) -> [f64; 2] {
     let (nm_per_a, ohm) = if matches!(k, 1 | 4) {
         (12.0 / 2.032, 4.09)
     } else {
@@ -153,7 +156,7 @@ fn motor(outcome: &physics::Outcome, i: usize, k: usize) -> [f64; 2] {
     let current_a = f64::from(outcome.torques_nm[i * 6 + k]) / nm_per_a;
     [
         current_a,
-        (ohm * current_a + nm_per_a * speed_rad_s) / BUS_V,
+        (ohm * current_a + nm_per_a * speed_rad_s) / bus_v,
     ]
 }
 
@@ -205,7 +208,7 @@ fn csv(
                 let _ = write!(s, ",{tau:.3}");
             }
             if plan.motors {
-                let [current_a, duty] = motor(outcome, i, k);
+                let [current_a, duty] = motor(outcome, i, k, plan.bus_v);
                 let current_a = current_a + 0.005 * rng.normal();
                 let _ = write!(s, ",{current_a:.4},{duty:.4}");
             }
@@ -218,7 +221,7 @@ fn csv(
             }
         }
         if plan.motors {
-            let _ = write!(s, ",{BUS_V}");
+            let _ = write!(s, ",{}", plan.bus_v);
         }
         if plan.base {
             let p = outcome.poses[i];
@@ -246,6 +249,7 @@ pub(crate) fn record(plan: &Plan, reality: &Reality) -> (Manifest, Vec<Recording
         ..Options::default()
     };
     let mut text = String::from("format = 1\nrobot = \"metamodule\"\nname = \"stand-in\"\n");
+    text.push_str(plan.stated);
     let mut sent = Vec::new();
     let mut trials = Vec::new();
     for gait in 0..plan.gaits {
@@ -314,7 +318,7 @@ pub(crate) fn films(
     use control::linalg::{Pose, Rot3, Vec3};
     let robot = control::robot::RobotModel::default();
     let solids = camera::Solid::meta_module(&robot);
-    let data = gap::whole::data::Data::new(manifest, recordings);
+    let data = gap::whole::data::Data::new(manifest, recordings, &Model::hand_tuned());
     let film = |run: &gap::whole::data::Run| {
         let base = run.base.as_ref().expect("tracked");
         let frame = |i: usize| {

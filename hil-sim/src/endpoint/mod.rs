@@ -37,6 +37,11 @@ pub trait Endpoint: Send {
     /// The stream is gone for good.
     fn write(&mut self, bytes: &[u8]) -> Result<(), EndpointError>;
 
+    /// Whether a client is there, where the stream can tell.
+    fn connected(&self) -> bool {
+        true
+    }
+
     /// Clients that have connected since the start, where the stream can tell.
     fn clients(&self) -> u64 {
         0

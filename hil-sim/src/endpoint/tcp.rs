@@ -1,7 +1,9 @@
 //! A TCP listener: one client at a time.
 
+use std::collections::VecDeque;
 use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
 use super::{Endpoint, EndpointError};
@@ -11,7 +13,7 @@ use super::{Endpoint, EndpointError};
 pub struct Tcp {
     listener: TcpListener,
     local: SocketAddr,
-    client: Option<TcpStream>,
+    client: Option<Client>,
     clients: u64,
 }
 
@@ -53,13 +55,7 @@ impl Tcp {
     fn accept(&mut self) -> Result<bool, EndpointError> {
         match self.listener.accept() {
             Ok((stream, _)) => {
-                stream
-                    .set_nonblocking(false)
-                    .map_err(|error| self.broken(error))?;
-                stream
-                    .set_nodelay(true)
-                    .map_err(|error| self.broken(error))?;
-                self.client = Some(stream);
+                self.client = Some(Client::new(stream).map_err(|error| self.broken(error))?);
                 self.clients += 1;
                 Ok(true)
             }
@@ -69,8 +65,70 @@ impl Tcp {
     }
 }
 
-/// Shortest socket time-out: 0 would mean for ever.
-const SHORTEST: Duration = Duration::from_micros(1);
+/// Parts of a client's bytes that wait to be taken, at most; the socket holds the rest back.
+const WAITING: usize = 16;
+/// Bytes read at once.
+const PART: usize = 4096;
+/// A client that takes nothing for this long has hung: it is dropped, or it would hold the emulation up.
+const WRITE_PATIENCE: Duration = Duration::from_secs(1);
+
+/// A client. A thread of its own waits for its bytes: a socket's own time-out is good to 4 ms only, longer than a whole exchange on the bus.
+#[derive(Debug)]
+struct Client {
+    stream: TcpStream,
+    input: Receiver<Vec<u8>>,
+    left: VecDeque<u8>,
+}
+
+impl Client {
+    fn new(stream: TcpStream) -> std::io::Result<Self> {
+        stream.set_nonblocking(false)?;
+        stream.set_nodelay(true)?;
+        stream.set_write_timeout(Some(WRITE_PATIENCE))?;
+        let mut reader = stream.try_clone()?;
+        let (send, input) = sync_channel(WAITING);
+        std::thread::spawn(move || {
+            let mut part = [0; PART];
+            loop {
+                match reader.read(&mut part) {
+                    Ok(0) => break,
+                    Ok(count) if send.send(part[..count].to_vec()).is_err() => break,
+                    Ok(_) => {}
+                    Err(error) if error.kind() == ErrorKind::Interrupted => {}
+                    Err(_) => break,
+                }
+            }
+        });
+        Ok(Self {
+            stream,
+            input,
+            left: VecDeque::new(),
+        })
+    }
+
+    /// `None`: the client left.
+    fn read(&mut self, into: &mut [u8], patience: Duration) -> Option<usize> {
+        if self.left.is_empty() {
+            match self.input.recv_timeout(patience) {
+                Ok(bytes) => self.left.extend(bytes),
+                Err(RecvTimeoutError::Timeout) => return Some(0),
+                Err(RecvTimeoutError::Disconnected) => return None,
+            }
+        }
+        let count = self.left.len().min(into.len());
+        for (to, from) in into.iter_mut().zip(self.left.drain(..count)) {
+            *to = from;
+        }
+        Some(count)
+    }
+}
+
+impl Drop for Client {
+    fn drop(&mut self) {
+        // Ends the thread that reads; a socket that is closed already needs no word.
+        let _ = self.stream.shutdown(Shutdown::Both);
+    }
+}
 
 impl Endpoint for Tcp {
     fn address(&self) -> String {
@@ -82,29 +140,28 @@ impl Endpoint for Tcp {
             std::thread::sleep(patience);
             return Ok(0);
         }
-        let Some(client) = &mut self.client else {
-            return Ok(0);
-        };
-        let waited = client.set_read_timeout(Some(patience.max(SHORTEST)));
-        match waited.and_then(|()| client.read(into)) {
+        let count = self
+            .client
+            .as_mut()
+            .and_then(|client| client.read(into, patience));
+        if count.is_none() {
             // The client left; the next one may come.
-            Ok(0) => self.client = None,
-            Ok(count) => return Ok(count),
-            Err(error) => match error.kind() {
-                ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted => {}
-                _ => self.client = None,
-            },
+            self.client = None;
         }
-        Ok(0)
+        Ok(count.unwrap_or(0))
     }
 
     fn write(&mut self, bytes: &[u8]) -> Result<(), EndpointError> {
         if let Some(client) = &mut self.client
-            && client.write_all(bytes).is_err()
+            && client.stream.write_all(bytes).is_err()
         {
             self.client = None;
         }
         Ok(())
+    }
+
+    fn connected(&self) -> bool {
+        self.client.is_some()
     }
 
     fn clients(&self) -> u64 {

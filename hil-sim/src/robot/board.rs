@@ -2,6 +2,7 @@
 
 use super::executor::VirtualClock;
 use firmware::crash::BLOCK_BYTES;
+use firmware::entropy::EntropyError;
 use firmware::ports::{Board, Clock, ResetCause};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
@@ -22,6 +23,7 @@ struct State {
     longest_pet_gap_us: u64,
     reboot: bool,
     rng: ChaCha8Rng,
+    broken_rng: Option<u32>,
     unique_id: [u8; 12],
 }
 
@@ -53,6 +55,7 @@ impl EmulatedBoard {
             longest_pet_gap_us: 0,
             reboot: false,
             rng,
+            broken_rng: None,
             unique_id,
         };
         Self {
@@ -64,6 +67,11 @@ impl EmulatedBoard {
     /// Sets what the battery ADC reads; `None` = no reading.
     pub fn set_battery_mv(&self, battery_mv: Option<u16>) {
         self.state.borrow_mut().battery_mv = battery_mv;
+    }
+
+    /// From the next boot on the random number generator gives this word for ever; `None` = works.
+    pub fn break_rng(&self, word: Option<u32>) {
+        self.state.borrow_mut().broken_rng = word;
     }
 
     /// Presses or releases the STOP input.
@@ -138,10 +146,17 @@ impl Board for BoardOfOneBoot {
         self.board.state.borrow().unique_id
     }
 
-    fn entropy(&mut self) -> [u8; 16] {
-        let mut bytes = [0; 16];
-        self.board.state.borrow_mut().rng.fill_bytes(&mut bytes);
-        bytes
+    fn entropy(&mut self) -> Result<[u8; 16], EntropyError> {
+        let state = &mut *self.board.state.borrow_mut();
+        let rng = &mut state.rng;
+        match state.broken_rng {
+            Some(word) => firmware::entropy::collect(|| Ok(word)),
+            None => {
+                let mut bytes = [0; 16];
+                rng.fill_bytes(&mut bytes);
+                Ok(bytes)
+            }
+        }
     }
 
     fn pet_watchdog(&mut self) {

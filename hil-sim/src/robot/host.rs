@@ -5,7 +5,7 @@ use super::link::LinkLine;
 use super::wire::MotorBus;
 use control::gait::Gait;
 use protocol::link::{
-    Client, Digest, Event, EventKind, FromModule, Key, MAX_FRAME, Reject, RunEnd, Sample,
+    Client, Digest, Event, EventKind, FromModule, Key, MAX_FRAME, Nonce, Reject, RunEnd, Sample,
     SampleBlock, Tag, TelemetryRate, ToModule, WireGait,
 };
 
@@ -71,6 +71,39 @@ impl SimHost {
         out[..len].to_vec()
     }
 
+    /// The bytes of an order, signed for the challenge that is open now. Not sent.
+    ///
+    /// # Errors
+    /// See [`SimHost::ask`].
+    pub fn signed_frame<M: MotorBus>(
+        &mut self,
+        robot: &mut EmulatedRobot<M>,
+        message: &ToModule,
+    ) -> Result<Vec<u8>, AskError> {
+        let proof = self.proof(robot, message)?;
+        let mut out = [0; MAX_FRAME];
+        let proof = proof.as_ref().map(|(key, nonce)| (key, nonce));
+        let (_, len) = self
+            .client
+            .request(message, proof, &mut out)
+            .expect("MAX_FRAME suffices");
+        Ok(out[..len].to_vec())
+    }
+
+    fn proof<M: MotorBus>(
+        &mut self,
+        robot: &mut EmulatedRobot<M>,
+        message: &ToModule,
+    ) -> Result<Option<(Key, Nonce)>, AskError> {
+        match (self.key, message.tag()) {
+            (Some(key), Some(_)) => match self.ask(robot, &ToModule::GetChallenge)? {
+                FromModule::Challenge { nonce } => Ok(Some((key, nonce))),
+                other => Err(AskError::Unexpected(Box::new(other))),
+            },
+            _ => Ok(None),
+        }
+    }
+
     /// Sends a request and waits for its answer; everything else that comes is kept.
     ///
     /// # Errors
@@ -80,13 +113,7 @@ impl SimHost {
         robot: &mut EmulatedRobot<M>,
         message: &ToModule,
     ) -> Result<FromModule, AskError> {
-        let nonce = match (self.key, message.tag()) {
-            (Some(key), Some(_)) => match self.ask(robot, &ToModule::GetChallenge)? {
-                FromModule::Challenge { nonce } => Some((key, nonce)),
-                other => return Err(AskError::Unexpected(Box::new(other))),
-            },
-            _ => None,
-        };
+        let nonce = self.proof(robot, message)?;
         let mut out = [0; MAX_FRAME];
         let proof = nonce.as_ref().map(|(key, nonce)| (key, nonce));
         let (sequence, len) = self

@@ -11,12 +11,17 @@ use std::task::Poll;
 /// Byte time of 115200 baud 8N1 in ns: 10 bits.
 pub const BYTE_NS_115200: u64 = 86_806;
 
+/// What the module holds of a client's bytes that it has not looked at: the receive ring of the board. What comes on top is lost and counted.
+pub const RX_RING_BYTES: usize = 1024;
+
 /// Bytes on their way in one direction.
 #[derive(Debug, Default)]
 struct Pipe {
     /// Arrival time in ns and value, in order.
     bytes: VecDeque<(u64, u8)>,
     free_at_ns: u64,
+    /// Bytes lost so far because the ring was full.
+    lost: u64,
     /// Reports one error to the receiver before the next byte.
     broken: Option<PortError>,
 }
@@ -29,6 +34,25 @@ impl Pipe {
             self.bytes.push_back((at, *byte));
         }
         self.free_at_ns = at;
+    }
+
+    /// As [`Pipe::send`], into a ring. The receiver is told that bytes were lost.
+    fn send_bounded(&mut self, now_ns: u64, byte_ns: u64, bytes: &[u8]) {
+        let room = RX_RING_BYTES.saturating_sub(self.bytes.len());
+        let (taken, lost) = bytes.split_at(room.min(bytes.len()));
+        self.send(now_ns, byte_ns, taken);
+        if !lost.is_empty() {
+            self.lost += lost.len() as u64;
+            self.broken = Some(PortError::Overrun);
+        }
+    }
+
+    /// Drops what is under way.
+    fn clear(&mut self) {
+        *self = Self {
+            lost: self.lost,
+            ..Self::default()
+        };
     }
 
     fn take(&mut self, now_ns: u64) -> Option<u8> {
@@ -78,12 +102,12 @@ impl LinkLine {
         self.clock.now_us() * 1000
     }
 
-    /// Client side: puts bytes on the line. Lost when the link is cut.
+    /// Client side: puts bytes on the line. Lost when the link is cut, or when they are more than the module's ring holds.
     pub fn write(&self, bytes: &[u8]) {
         let now_ns = self.now_ns();
         let line = &mut *self.line.borrow_mut();
         if line.connected {
-            line.to_module.send(now_ns, line.byte_ns, bytes);
+            line.to_module.send_bounded(now_ns, line.byte_ns, bytes);
         }
     }
 
@@ -96,6 +120,12 @@ impl LinkLine {
             into.push(byte);
         }
         into.len() - before
+    }
+
+    /// Bytes of clients lost so far because the module's ring was full.
+    #[must_use]
+    pub fn lost_bytes(&self) -> u64 {
+        self.line.borrow().to_module.lost
     }
 
     /// Client side: whether bytes wait to be read by now.
@@ -114,11 +144,9 @@ impl LinkLine {
     pub fn cut(&self) {
         let line = &mut *self.line.borrow_mut();
         line.connected = false;
-        line.to_module = Pipe {
-            broken: Some(PortError::Closed),
-            ..Pipe::default()
-        };
-        line.to_host = Pipe::default();
+        line.to_module.clear();
+        line.to_module.broken = Some(PortError::Closed);
+        line.to_host.clear();
     }
 
     /// The link is back.

@@ -30,6 +30,8 @@ pub enum RobotEvent {
         behind_s: f64,
         /// Resets of the processor so far.
         resets: u32,
+        /// Bytes of clients lost so far because they came faster than the robot's line carries them.
+        lost_bytes: u64,
         /// Clients so far, where the endpoint can tell.
         clients: u64,
     },
@@ -55,8 +57,10 @@ pub fn serve<M: MotorBus + 'static>(
     let (start, mut offset_us) = (Instant::now(), robot.now_us());
     let (mut last_status, mut behind_us) = (start, 0);
     let mut input = [0; 1024];
+    let mut client = (endpoint.connected(), endpoint.clients());
     loop {
         let count = endpoint.read(&mut input, PATIENCE)?;
+        client = follow_client(robot, endpoint, client);
         let mut now_us = offset_us + start.elapsed().as_micros() as u64;
         let late_us = now_us
             .saturating_sub(robot.now_us())
@@ -78,6 +82,7 @@ pub fn serve<M: MotorBus + 'static>(
                 virtual_s: robot.now_us() as f64 * 1e-6,
                 behind_s: behind_us as f64 * 1e-6,
                 resets: robot.resets(),
+                lost_bytes: robot.link().lost_bytes(),
                 clients: endpoint.clients(),
             };
             if on_event(&status).is_break() {
@@ -85,4 +90,22 @@ pub fn serve<M: MotorBus + 'static>(
             }
         }
     }
+}
+
+/// A client that left takes what is under way with it, and the robot is told that the link is gone: the next client finds a free line.
+fn follow_client<M: MotorBus + 'static>(
+    robot: &EmulatedRobot<M>,
+    endpoint: &dyn Endpoint,
+    before: (bool, u64),
+) -> (bool, u64) {
+    let now = (endpoint.connected(), endpoint.clients());
+    if now != before {
+        if before.0 {
+            robot.link().cut();
+        }
+        if now.0 {
+            robot.link().reconnect();
+        }
+    }
+    now
 }

@@ -1,4 +1,4 @@
-//! `scenario.toml`: which motors, which effects, which faults. The format is described in `docs/emulator.md`.
+//! `scenario.toml`: which motors, which effects, which faults. `docs/reference/scenario.md` describes the format.
 //!
 //! Pure: the caller reads the file.
 

@@ -6,6 +6,7 @@ use hil_sim::board::host::BoardHost;
 use hil_sim::board::runner::{BoardError, BoardRunner, BusPeer};
 use hil_sim::board::tools::Built;
 use hil_sim::board::wire::Port;
+use hil_sim::robot::ideal::IdealMotors;
 use protocol::link::{EndReason, FromModule, Info, ModuleState, RunEnd, SlotInfo, ToModule};
 
 use crate::common::{SECOND_NS, board, built, gait, law};
@@ -90,6 +91,47 @@ fn a_wild_task_pointer_is_a_hard_fault_that_ends_the_emulator_with_code_2() {
     board.poke(task.address, &[0xee; 64]);
     match board.run_until(2 * SECOND_NS) {
         Err(BoardError::GuestExit { code, .. }) => assert_eq!(code, Some(2)),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// The image with another initial stack pointer: the first word of the vector table, found through the program headers of the ELF32 file.
+fn with_stack_pointer(built: &Built, stack_pointer: u32) -> std::path::PathBuf {
+    const VECTORS: u32 = 0x0800_0000;
+    let mut bytes = std::fs::read(&built.elf).expect("image");
+    let word = |bytes: &[u8], at: usize| {
+        u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes"))
+    };
+    let (table, count) = (word(&bytes, 28) as usize, usize::from(bytes[44]));
+    let offset = (0..count)
+        .map(|index| table + 32 * index)
+        .find(|&at| word(&bytes, at + 8) == VECTORS && word(&bytes, at + 16) > 0)
+        .map(|at| word(&bytes, at + 4) as usize)
+        .expect("a segment at the begin of the flash");
+    bytes[offset..offset + 4].copy_from_slice(&stack_pointer.to_le_bytes());
+    let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"))
+        .join(format!("stack-{}.elf", std::process::id()));
+    std::fs::write(&path, bytes).expect("written");
+    path
+}
+
+/// With 3 KiB of the 32 KiB stack the application runs out of it. What it leaves is a record and not a locked-up core: here, where QEMU ends before the
+/// reset, the exit code of that record.
+#[test]
+fn a_stack_that_runs_out_is_a_record_of_its_own_kind() {
+    let Some(built) = built("stack overflow in QEMU") else {
+        return;
+    };
+    let bottom = 0x1000_0000;
+    let mut config = built.config();
+    config.elf = with_stack_pointer(&built, bottom + 3 * 1024);
+    let peer = hil_sim::board::peer::Motors::new(IdealMotors::new(false));
+    let end = BoardRunner::start(&config, peer).and_then(|mut board| {
+        board.run_until(3 * SECOND_NS)?;
+        Ok(())
+    });
+    match end {
+        Err(BoardError::GuestExit { code, .. }) => assert_eq!(code, Some(3)),
         other => panic!("{other:?}"),
     }
 }

@@ -1,7 +1,9 @@
 //! The firmware's own tasks, natively, on a virtual clock: behaviour of the whole module seen from its wires.
 
+mod change;
 mod common;
 mod faults;
+mod lease;
 mod orders;
 mod physics;
 mod run;
@@ -9,3 +11,4 @@ mod schedules;
 mod security;
 mod serve;
 mod upload;
+mod withheld;

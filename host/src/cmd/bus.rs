@@ -273,6 +273,7 @@ fn bench(context: &Context, way: &mut BusWay, duration: Duration, ids: &[u8]) ->
     let start = Instant::now();
     let (mut cycles, mut missing) = (0u32, 0u32);
     let mut trips = Vec::new();
+    let _grace = interrupt::grace("stopping");
     while start.elapsed() < duration && !interrupt::pressed() {
         let begin = Instant::now();
         let answers = way.exchange(Request::feedback(ids).map_err(too_long)?)?;

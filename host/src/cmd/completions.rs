@@ -1,9 +1,8 @@
 //! `rb-host completions`
 
-use clap::CommandFactory;
 use clap_complete::Shell;
 
-use crate::cli::Cli;
+use crate::cli;
 use crate::context::Context;
 use crate::failure::Outcome;
 
@@ -18,8 +17,14 @@ pub struct Args {
 ///
 /// # Errors
 /// None.
-pub fn run(args: &Args, _context: &Context) -> Outcome {
+pub fn run(args: &Args, context: &Context) -> Outcome {
     let mut script = Vec::new();
-    clap_complete::generate(args.shell, &mut Cli::command(), "rb-host", &mut script);
-    super::print_bytes(&script)
+    clap_complete::generate(args.shell, &mut cli::command(), "rb-host", &mut script);
+    let mut script = String::from_utf8_lossy(&script).into_owned();
+    if args.shell == Shell::Bash {
+        // clap_complete 4.6 sets `rb__host__...` for a name with a hyphen and then asks for `rb__subcmd__host__...`.
+        script = script.replace("rb__subcmd__host", "rb__host");
+    }
+    context.out.document(&script);
+    Ok(())
 }

@@ -6,6 +6,7 @@ use protocol::link::ToModule;
 use serde_json::json;
 
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::link::{LinkError, keys};
 use crate::settings::{self, Key, PORTS_FILE, PROJECT_FILE};
@@ -67,7 +68,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         Action::Path => paths(context),
         Action::Init { force } => {
             let path = PathBuf::from(PROJECT_FILE);
-            super::write_new(&path, TEMPLATE.as_bytes(), *force)?;
+            disk::write_new(&path, TEMPLATE.as_bytes(), *force)?;
             context.out.say(format_args!("wrote {}", path.display()));
             Ok(())
         }
@@ -164,7 +165,8 @@ fn set_key(context: &Context) -> Outcome {
             &format!("robot {id} has a key already; replace it?"),
         )?;
     }
-    let key = keys::new_key()?;
+    let key = keys::new_key()
+        .map_err(|error| Failure::say(Exit::Other, format!("cannot make a key: {error}")))?;
     // The file is written first: a key that only the robot knows would lock everyone out of its radio.
     let path = context
         .keys()

@@ -89,7 +89,7 @@ fn ports() -> Line {
         Line::note(
             "ports",
             "no USB or Bluetooth serial port",
-            "plug in the USB cable, or bind Bluetooth: docs/bluetooth.md",
+            "plug in the USB cable, or bind Bluetooth: docs/how-to/bluetooth.md",
         )
     } else {
         Line::good("ports", likely.join(", "))
@@ -103,7 +103,7 @@ fn permissions(uri: &PortUri) -> Option<Line> {
     };
     if !path.exists() {
         let hint = if uri.is_rfcomm() {
-            "bind it: sudo rfcomm bind 0 MAC 1 (docs/bluetooth.md)"
+            "bind it: sudo rfcomm bind 0 MAC 1 (docs/how-to/bluetooth.md)"
         } else {
             "`rb-host list` shows the ports of this computer"
         };

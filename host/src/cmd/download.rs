@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde_json::json;
 
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::link::text;
 use crate::upload;
@@ -28,6 +29,9 @@ pub struct Args {
 /// # Errors
 /// Exit codes 1, 4, 5, 6, 7.
 pub fn run(args: &Args, context: &Context) -> Outcome {
+    if let Some(path) = &args.output {
+        disk::must_be_free(path, args.force)?;
+    }
     let mut robot = context.connect()?;
     let slot = match args.slot {
         Some(slot) => slot,
@@ -39,7 +43,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     let (gait, digest) = upload::download(&mut robot, slot)?;
     let toml = files::gait::to_toml(&gait);
     if let Some(path) = &args.output {
-        super::write_new(path, toml.as_bytes(), args.force)?;
+        disk::write_new(path, toml.as_bytes(), args.force)?;
     }
     let value = json!({ "slot": slot, "name": gait.name(), "digest": text::hex(&digest.0), "file": args.output, "gait_toml": toml });
     context

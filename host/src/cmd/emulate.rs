@@ -13,12 +13,12 @@ use hil_sim::scenario::Scenario;
 use serde_json::json;
 
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::faults;
 use crate::interrupt;
 use crate::link::{EmulatedLab, sim};
 use crate::recording::beside;
-use crate::searching::frames::make_empty;
 
 /// Serve emulated hardware to other programs until Ctrl-C, or film a drawn robot
 ///
@@ -105,6 +105,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         scenario.world.faults.extend(faults);
     }
     let mut endpoint = endpoint(args, context).map_err(endpoint_failed)?;
+    let _grace = interrupt::grace("stopping");
     match args.what {
         Some(What::Motors) => motors(args, context, &scenario, endpoint.as_mut()),
         Some(What::Robot) | None => robot(args, context, &scenario, endpoint.as_mut()),
@@ -205,7 +206,7 @@ fn robot(
     }
     if let Some(folder) = &args.film {
         // Before anyone works for an hour.
-        make_empty(folder)?;
+        disk::make_empty(folder)?;
     }
     let mut robot = sim::robot_of(scenario)?;
     let mut last = None;
@@ -219,7 +220,8 @@ fn robot(
     .map_err(endpoint_failed)?;
     if let (Some(folder), Some(lab)) = (&args.film, EmulatedLab::beside(&robot)) {
         lab.seen.film.write(folder)?;
-        std::fs::write(folder.join("track.csv"), beside::track_csv(&lab.seen.base))?;
+        let track = beside::track_csv(&lab.seen.base);
+        disk::write(&folder.join("track.csv"), track.as_bytes())?;
         let (frames, folder) = (lab.seen.film.frames.len(), folder.display());
         context.out.say(format_args!(
             "{frames} frames in {folder}, on the camera's clock"
@@ -229,12 +231,18 @@ fn robot(
         virtual_s,
         behind_s,
         resets,
+        lost_bytes,
         clients,
     }) = last
     {
         context.out.say(format_args!(
             "{virtual_s:.1} s served to {clients} clients, {behind_s:.1} s left out, {resets} resets"
         ));
+        if lost_bytes > 0 {
+            context.out.say(format_args!(
+                "{lost_bytes} bytes of clients lost: they came faster than the line of the robot carries them"
+            ));
+        }
     }
     Ok(())
 }

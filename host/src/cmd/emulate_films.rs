@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 
 use crate::cli::parse_duration;
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::interrupt;
 use crate::link::PortUri;
@@ -26,8 +27,8 @@ pub(super) struct FilmsArgs {
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// A robot of your own instead of a drawn one: a scenario with `body = "ground"` and a camera
-    #[arg(long, value_name = "FILE", conflicts_with = "seed")]
-    robot: Option<PathBuf>,
+    #[arg(long, alias = "robot", value_name = "FILE", conflicts_with = "seed")]
+    scenario: Option<PathBuf>,
     /// Data set folder to write; one that holds runs already is completed
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
@@ -59,7 +60,7 @@ pub(super) fn run(args: &FilmsArgs, context: &Context) -> Outcome {
         .iter()
         .map(|path| crate::gait_file::load(path))
         .collect::<Outcome<Vec<Gait>>>()?;
-    let scenario = match &args.robot {
+    let scenario = match &args.scenario {
         Some(path) => path.clone(),
         None => {
             let beside = || {
@@ -74,6 +75,7 @@ pub(super) fn run(args: &FilmsArgs, context: &Context) -> Outcome {
     let model = Model::hand_tuned();
     let set = takes::open_set(&args.output, "emulated robot", &model.to_toml(), &uri)?;
     let known = set.runs()?;
+    let _grace = interrupt::grace("stopping in this run; the runs before it are in the data set");
     let bar = context
         .out
         .progress(gaits.len() as u64 * u64::from(args.repeat), "recording");
@@ -120,12 +122,11 @@ pub(crate) fn draw(folder: &Path, seed: u64) -> Outcome<PathBuf> {
     if path.exists() {
         return Ok(path);
     }
-    std::fs::create_dir_all(folder)?;
+    disk::make_folder(folder)?;
     let model = drawn::model(seed);
-    std::fs::write(folder.join(ROBOT), model.to_toml())?;
-    let fresh = folder.join("scenario.new");
-    std::fs::write(&fresh, drawn::scenario_toml(&model, ROBOT, seed))?;
-    std::fs::rename(&fresh, &path)?;
+    disk::write(&folder.join(ROBOT), model.to_toml().as_bytes())?;
+    let scenario = drawn::scenario_toml(&model, ROBOT, seed);
+    disk::write(&path, scenario.as_bytes())?;
     Ok(path)
 }
 
@@ -142,9 +143,11 @@ fn plan(args: &FilmsArgs, gait: &Gait, number: u32) -> Take {
         duration: args
             .duration
             .unwrap_or_else(|| Duration::from_secs_f32(gait.duration_s())),
+        autonomous: false,
         rate_hz: TELEMETRY_HZ,
         slot: None,
         start_m: [0.0; 2],
+        filmed: true,
     }
 }
 

@@ -7,6 +7,7 @@ use protocol::link::WireGait;
 use serde_json::{Value, json};
 
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::gait_file::{self, GaitCheck};
 use crate::link::text;
@@ -35,7 +36,7 @@ enum Action {
     },
     /// Check files as the robot would: values, joint speeds, self-collision over the whole run
     Check {
-        /// Gait files
+        /// Gait files; - is standard input
         #[arg(required = true)]
         files: Vec<PathBuf>,
     },
@@ -106,7 +107,7 @@ fn new(context: &Context, file: &Path, name: Option<&str>, force: bool) -> Outco
     let quoted = toml::Value::String(name.unwrap_or(stem).to_owned()).to_string();
     let text = TEMPLATE.replacen("\"NAME\"", &quoted, 1);
     files::gait::parse(&file.display().to_string(), &text)?;
-    super::write_new(file, text.as_bytes(), force)?;
+    disk::write_new(file, text.as_bytes(), force)?;
     context.out.say(format_args!(
         "wrote {}; check it with `rb-host gait check {}`",
         file.display(),
@@ -134,7 +135,7 @@ fn check(context: &Context, paths: &[PathBuf]) -> Outcome {
                     context.out.result("rb.gait_check/1", value, String::new);
                 }
                 if let Some(earlier) = worst.replace(failure) {
-                    eprintln!("error: {earlier}");
+                    context.out.error(&earlier);
                 }
             }
         }
@@ -163,7 +164,7 @@ fn show(context: &Context, path: &Path, plot: Option<&Path>, force: bool) -> Out
     let gait = gait_file::load(path)?;
     let verdict = gait_file::check(&gait, &context.robot_model());
     if let Some(picture) = plot {
-        super::write_new(picture, plot::gait_svg(&gait).as_bytes(), force)?;
+        disk::write_new(picture, plot::gait_svg(&gait).as_bytes(), force)?;
         context.out.say(format_args!("wrote {}", picture.display()));
     }
     let digest = text::hex(&WireGait::from(&gait).digest().0);
@@ -235,11 +236,14 @@ fn convert(
     }
     match output {
         Some(file) => {
-            super::write_new(file, text.as_bytes(), force)?;
+            disk::write_new(file, text.as_bytes(), force)?;
             context.out.say(format_args!("wrote {}", file.display()));
             Ok(())
         }
-        None => super::print_bytes(text.as_bytes()),
+        None => {
+            context.out.document(&text);
+            Ok(())
+        }
     }
 }
 

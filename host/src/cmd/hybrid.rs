@@ -1,17 +1,20 @@
 //! `rb-host hybrid`
 
+use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::hybrid::settings::HybridSettings;
 use crate::hybrid::{Beginning, Hybrid, ROBOT, Step};
+use crate::interrupt;
 use crate::link::PortUri;
 use crate::settings::Key;
 
 /// The whole hybrid cycle: search gaits, run them on the robot, match the model to the films, simulate again, next cycle
 ///
-/// The robot is an emulated one, drawn at random inside the ranges of Table II, unless --robot or --port names another.
+/// The robot is an emulated one, drawn at random inside the ranges of Table II, unless --scenario or --port names another.
 /// Every step can be interrupted and goes on with --resume to the same bytes. At the end: tables, overlays and the time account.
 #[derive(Debug, clap::Args)]
 pub struct Args {
@@ -19,17 +22,22 @@ pub struct Args {
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Settings (hybrid.toml); absent values are the paper's
-    #[arg(short = 's', long, value_name = "FILE", conflicts_with = "resume")]
+    #[arg(
+        long,
+        short_alias = 's',
+        value_name = "FILE",
+        conflicts_with = "resume"
+    )]
     settings: Option<PathBuf>,
     /// Nominal model; the shipped hand-tuned model when absent
     #[arg(short, long, value_name = "FILE", conflicts_with = "resume")]
     model: Option<PathBuf>,
     /// Emulated robot: a scenario with `body = "ground"`, a camera and a tracker
-    #[arg(long, value_name = "SCENARIO", conflicts_with = "resume")]
-    robot: Option<PathBuf>,
-    /// Emulated robot: drawn inside the ranges of Table II with this seed
-    #[arg(long, value_name = "N", default_value_t = 1, conflicts_with_all = ["resume", "robot"])]
-    robot_seed: u64,
+    #[arg(long, alias = "robot", value_name = "FILE", conflicts_with = "resume")]
+    scenario: Option<PathBuf>,
+    /// Emulated robot: drawn inside the ranges of Table II with this seed [default: 1]
+    #[arg(long, value_name = "N", conflicts_with_all = ["resume", "scenario"])]
+    robot_seed: Option<u64>,
     /// Real robot: file with the `[camera]` table of its camera; a Kinect over the origin when absent
     #[arg(long, value_name = "FILE", conflicts_with = "resume")]
     camera: Option<PathBuf>,
@@ -56,9 +64,10 @@ pub struct Args {
 /// Exit codes of its steps; 1 when films of a real robot are missing, 130 when interrupted.
 pub fn run(args: &Args, context: &Context) -> Outcome {
     let port = context.settings.get(Key::Port).value;
+    let _grace = interrupt::grace("stopping; what is done stays in the folder");
     let mut hybrid = if args.resume {
         let mut hybrid = Hybrid::resume(context, &args.output)?;
-        if !port.is_empty() {
+        if !port.is_empty() && port != "sim:" {
             hybrid.set_port(&port);
         }
         hybrid
@@ -73,15 +82,23 @@ fn beginning(args: &Args, context: &Context, port: String) -> Outcome<Beginning>
     let settings = HybridSettings::load(args.settings.as_deref())?;
     let model = crate::model_file::load(args.model.as_deref())?;
     let camera = args.camera.as_deref().map(read_camera).transpose()?;
-    let port = match &args.robot {
+    let port = match &args.scenario {
         Some(scenario) => PortUri::Sim(Some(scenario.clone())).to_string(),
         None => port,
     };
-    let uri = if port.is_empty() {
-        let scenario = super::emulate::films::draw(&args.output.join(ROBOT), args.robot_seed)?;
+    // The drawn robot is what `sim:` means here: the plain one has neither camera nor tracker.
+    let drawn = port.is_empty() || port == "sim:";
+    let named = !port.is_empty() || args.robot_seed.is_some();
+    if drawn && !named && !std::io::stdin().is_terminal() {
+        let message = "no robot was named, and a command that moves or records takes the emulated one only when it is named";
+        return Err(Failure::say(Exit::Usage, message)
+            .hint("give -p sim: (or --robot-seed 1) for an emulated robot, or name the robot's port with -p"));
+    }
+    let robot_seed = args.robot_seed.unwrap_or(1);
+    let uri = if drawn {
+        let scenario = super::emulate::films::draw(&args.output.join(ROBOT), robot_seed)?;
         context.out.say(format_args!(
-            "the robot is an EMULATED one, drawn with seed {}: {}",
-            args.robot_seed,
+            "the robot is an EMULATED one, drawn with seed {robot_seed}: {}",
             scenario.display()
         ));
         PortUri::Sim(Some(scenario))
@@ -99,13 +116,13 @@ fn beginning(args: &Args, context: &Context, port: String) -> Outcome<Beginning>
         if scenario.lab.camera.is_none() || scenario.lab.tracker.is_none() {
             let message = format!("{uri}: the emulated robot has no camera and tracker beside it");
             return Err(Failure::say(Exit::Usage, message)
-                .hint("give a scenario with body = \"ground\", [camera] and [tracker], or leave --port and --robot away"));
+                .hint("give a scenario with body = \"ground\", [camera] and [tracker], or leave --port and --scenario away"));
         }
     }
     Ok(Beginning {
         settings,
         model,
-        port,
+        port: if drawn { String::new() } else { port },
         camera: camera.unwrap_or_default(),
         slot: args.slot,
     })
@@ -114,7 +131,7 @@ fn beginning(args: &Args, context: &Context, port: String) -> Outcome<Beginning>
 /// A `[camera]` table, checked by the reader of data sets.
 fn read_camera(path: &Path) -> Outcome<String> {
     let shown = path.display().to_string();
-    let text = std::fs::read_to_string(path)
+    let text = disk::read_text(path, disk::MAX_TEXT)
         .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
     let whole = format!("{text}\n[[run]]\nfile = \"x.csv\"\n");
     let head = "format = 1\nrobot = \"metamodule\"\n";

@@ -2,11 +2,11 @@
 //!
 //! The file holds `pub struct Args` (clap derive) and `pub fn run(args: &Args, context: &Context) -> Outcome`.
 
-use std::io::{IsTerminal, Write};
-use std::path::Path;
+use std::io::IsTerminal;
 
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
+use crate::interrupt;
 
 pub mod bench;
 pub mod bus;
@@ -37,13 +37,14 @@ pub mod version;
 pub mod zero;
 
 macro_rules! commands {
-    ($($variant:ident => $module:ident,)*) => {
+    ($($(#[$attribute:meta])* $variant:ident => $module:ident,)*) => {
         /// What to do.
         #[derive(Debug, clap::Subcommand)]
         #[allow(clippy::large_enum_variant, reason = "one command line lives once")]
         pub enum Command {
             $(
                 #[allow(missing_docs, reason = "the module's Args say what it does")]
+                $(#[$attribute])*
                 $variant($module::Args),
             )*
         }
@@ -81,6 +82,7 @@ commands! {
     Rec => rec,
     Sim => sim,
     Camera => camera,
+    #[command(alias = "optimize")]
     Optimise => optimise,
     Model => model,
     Hybrid => hybrid,
@@ -90,37 +92,6 @@ commands! {
     Man => man,
     Config => config,
     Version => version,
-}
-
-/// Writes a new file; an existing one only with `force`.
-fn write_new(path: &Path, bytes: &[u8], force: bool) -> Outcome {
-    let mut options = std::fs::OpenOptions::new();
-    options.write(true).create(true).truncate(true);
-    if !force {
-        options.create_new(true);
-    }
-    let written = options
-        .open(path)
-        .and_then(|mut file| file.write_all(bytes));
-    written.map_err(|error| match error.kind() {
-        std::io::ErrorKind::AlreadyExists => {
-            Failure::say(Exit::Other, format!("{} exists", path.display()))
-                .hint("name another file or give --force")
-        }
-        _ => Failure::say(
-            Exit::Other,
-            format!("cannot write {}: {error}", path.display()),
-        ),
-    })
-}
-
-/// Bytes to standard output; a closed pipe ends quietly.
-fn print_bytes(bytes: &[u8]) -> Outcome {
-    let mut out = std::io::stdout().lock();
-    match out.write_all(bytes).and_then(|()| out.flush()) {
-        Err(error) if error.kind() == std::io::ErrorKind::BrokenPipe => Ok(()),
-        other => other.map_err(Failure::from),
-    }
 }
 
 /// Asks a question at a terminal; without one `--yes` is needed.
@@ -134,9 +105,12 @@ pub(crate) fn confirm(context: &Context, question: &str) -> Outcome {
                 .hint("give --yes"),
         );
     }
-    eprint!("{question} [y/N] ");
+    context.out.ask(&format!("{question} [y/N]"));
+    let _guard = interrupt::at_once("not confirmed, nothing was changed");
     let mut answer = String::new();
-    std::io::stdin().read_line(&mut answer)?;
+    std::io::stdin()
+        .read_line(&mut answer)
+        .map_err(|error| Failure::say(Exit::Other, format!("cannot read the answer: {error}")))?;
     if matches!(answer.trim(), "y" | "Y" | "yes") {
         return Ok(());
     }

@@ -64,7 +64,10 @@ const VERDICT: &str = include_str!("../../../docs/schema/gap-1.json");
 /// Exit code 3 for a file that is refused.
 pub fn run(args: &Args, context: &Context) -> Outcome {
     match &args.action {
-        Action::Schema { name } => super::print_bytes(schema(*name).as_bytes()),
+        Action::Schema { name } => {
+            context.out.document(&schema(*name));
+            Ok(())
+        }
         Action::Check { files } => check(context, files),
         Action::Show { file } => show(context, file.as_deref()),
     }
@@ -110,7 +113,7 @@ fn check(context: &Context, paths: &[PathBuf]) -> Outcome {
                     context.out.result("rb.model_check/1", value, String::new);
                 }
                 if let Some(earlier) = worst.replace(failure) {
-                    eprintln!("error: {earlier}");
+                    context.out.error(&earlier);
                 }
             }
         }
@@ -151,7 +154,7 @@ fn effect_json(entry: &EffectEntry) -> Value {
         .zip(&entry.parameters)
         .map(|(d, p)| json!({ "key": d.key, "value": p.value, "tolerance": p.tolerance, "source": p.source, "off": d.neutral }))
         .collect();
-    json!({ "effect": info.name, "stage": info.stage.name(), "joint": entry.joint, "parameters": parameters, "meaning": info.meaning })
+    json!({ "effect": info.name, "stage": info.stage.name(), "joint": entry.joint, "parameters": parameters, "meaning": info.plain })
 }
 
 fn text(model: &Model) -> String {
@@ -193,7 +196,7 @@ fn text(model: &Model) -> String {
             out,
             "  {}{joint}: {} (stage {})",
             info.name,
-            info.meaning,
+            info.plain,
             info.stage.name()
         );
         for (d, p) in info.parameters.iter().zip(&entry.parameters) {

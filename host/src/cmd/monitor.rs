@@ -1,6 +1,6 @@
 //! `rb-host monitor`
 
-use std::io::{IsTerminal, Write};
+use std::io::IsTerminal;
 use std::time::Duration;
 
 use control::robot::JOINT_NAMES;
@@ -12,6 +12,7 @@ use crate::context::Context;
 use crate::failure::Outcome;
 use crate::link::{LinkError, telemetry, text};
 use crate::recording::SampleRow;
+use crate::terminal;
 
 /// Show set-points, positions, currents and events live, until Ctrl-C; the robot is not touched
 #[derive(Debug, clap::Args)]
@@ -43,6 +44,12 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     };
     robot.order(&ToModule::Subscribe { rate })?;
     let table = std::io::stdout().is_terminal() && !args.plain && !context.out.json;
+    if !table {
+        let names = JOINT_NAMES.join(", ");
+        context.out.say(format_args!(
+            "time, then set-point/position in deg of {names}"
+        ));
+    }
     let until = args.duration.map(|d| robot.link().now() + d);
     let mut view = View {
         table,
@@ -103,12 +110,12 @@ impl View {
         {
             return;
         }
-        self.draw(&row);
+        self.draw(&row, context);
         self.drawn_at = Some(now);
     }
 
     /// Home, clear, table: one write, so that it does not flicker.
-    fn draw(&self, row: &SampleRow) {
+    fn draw(&self, row: &SampleRow, context: &Context) {
         let flag = |on: bool, word: &'static str| if on { word } else { "" };
         let mut screen = format!(
             "\u{1b}[H\u{1b}[Jstate {}   t {:.2} s   cycle {}   {} {} {}\n\n{:8} {:>10} {:>10} {:>8} {:>9} {:>7} {:>7} {:>6}\n",
@@ -146,10 +153,9 @@ impl View {
         }
         screen.push_str(&format!(
             "\nlast event: {}\nCtrl-C ends the view, the robot goes on; `rb-host stop` stops it\n",
-            self.event
+            terminal::clean(&self.event)
         ));
-        let mut out = std::io::stdout().lock();
-        let _ = out.write_all(screen.as_bytes()).and_then(|()| out.flush());
+        context.out.document(&screen);
     }
 }
 

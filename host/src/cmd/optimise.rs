@@ -20,6 +20,7 @@ use serde_json::json;
 
 use crate::cli::parse_duration;
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::interrupt;
 use crate::robot_file::RobotFile;
@@ -44,7 +45,12 @@ enum What {
 #[derive(Debug, ClapArgs)]
 struct GaitArgs {
     /// Search settings (optimise.toml); absent values are the paper's
-    #[arg(short = 's', long, value_name = "FILE", conflicts_with = "resume")]
+    #[arg(
+        long,
+        short_alias = 's',
+        value_name = "FILE",
+        conflicts_with = "resume"
+    )]
     settings: Option<PathBuf>,
     /// Robot model and effects; the shipped hand-tuned model when absent
     #[arg(short, long, value_name = "FILE", conflicts_with = "resume")]
@@ -226,6 +232,7 @@ fn drive<T: GaitTrials, E: Exchange>(
         ));
     }
     let settings = &task.settings;
+    let _grace = interrupt::grace("stopping after this iteration; the checkpoint is written");
     let begun = Instant::now();
     let bar = folder.is_some().then(|| {
         context
@@ -310,6 +317,7 @@ fn report(
     }
     let selection = serde_json::to_vec_pretty(&chosen).map_err(anyhow::Error::from)?;
     folder.write("selection.json", &selection)?;
+    context.out.wrote(&folder.join("selection.json"));
     let counts = search.counts();
     let best = search.swarm().best().map_or(0.0, |best| best.fitness);
     let value = json!({
@@ -387,15 +395,15 @@ fn gather_settings(
 /// Settings, and whether they name the speeds of the joints.
 fn read_settings(path: &Path) -> Outcome<(SearchSettings, bool)> {
     let shown = path.display();
-    let text = std::fs::read_to_string(path)
+    let text = disk::read_text(path, disk::MAX_TEXT)
         .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
-    let settings: SearchSettings = toml::from_str(&text)
-        .map_err(|error| Failure::say(Exit::BadFile, format!("{shown}: {error}")))?;
+    let settings: SearchSettings =
+        toml::from_str(&text).map_err(|error| disk::toml_error(path, &text, &error))?;
     settings
         .check()
         .map_err(|error| Failure::say(Exit::BadFile, format!("{shown}: {error}")))?;
-    let table: toml::Table = toml::from_str(&text)
-        .map_err(|error| Failure::say(Exit::BadFile, format!("{shown}: {error}")))?;
+    let table: toml::Table =
+        toml::from_str(&text).map_err(|error| disk::toml_error(path, &text, &error))?;
     let space = table.get("space").and_then(toml::Value::as_table);
     let speeds_given = space.is_some_and(|space| space.contains_key("joint_speed_rad_s"));
     Ok((settings, speeds_given))

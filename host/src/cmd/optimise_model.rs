@@ -203,6 +203,7 @@ fn iterate(
     folder: &Folder,
     context: &Context,
 ) -> Outcome<bool> {
+    let _grace = interrupt::grace("stopping after this iteration; the checkpoint is written");
     let begun = Instant::now();
     let bar = context.out.progress(u64::from(args.iterations), "matching");
     while stored.fit.swarm().iteration() < args.iterations {
@@ -252,6 +253,7 @@ impl Report<'_> {
         let (text_iii, value_iii) = table_iii(self.gaits, &before, &after);
         let text = format!("{text_ii}\n{text_iii}");
         folder.write("tables.txt", text.as_bytes())?;
+        context.out.wrote(&folder.join("model.toml"));
         let (iterations, wall_s) = (self.fit.swarm().iteration(), begun.elapsed().as_secs_f64());
         let value = json!({
             "iterations": iterations, "wall_s": wall_s, "table_ii": value_ii, "table_iii": value_iii,

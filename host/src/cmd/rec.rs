@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::plot;
 use crate::recording::beside::{self, Seen};
@@ -285,6 +286,9 @@ fn check_all(context: &Context, paths: &[PathBuf]) -> Outcome {
         let value = json!({ "file": path, "samples": samples, "findings": rows });
         context.out.result("rb.rec_check/1", value, || {
             let mut out = format!("{}: {samples} samples", path.display());
+            if recording.is_emulated() {
+                out.push_str(" of an emulated robot");
+            }
             for f in &findings {
                 let word = if f.severity == Severity::Problem {
                     "PROBLEM"
@@ -336,6 +340,12 @@ fn check_folder(context: &Context, path: &Path) -> usize {
 
 fn cat(context: &Context, path: &Path, only: Option<u32>, events: bool) -> Outcome {
     let recording = load(context, path)?;
+    if !events {
+        let names = control::robot::JOINT_NAMES.join(", ");
+        context.out.say(format_args!(
+            "device time, cycle, then set-point/position in rad of {names}"
+        ));
+    }
     for run in recording
         .runs
         .iter()
@@ -383,6 +393,15 @@ fn cat(context: &Context, path: &Path, only: Option<u32>, events: bool) -> Outco
     Ok(())
 }
 
+fn export_failed(error: dataset::ExportError) -> Failure {
+    match error {
+        dataset::ExportError::NotEmpty { .. } => {
+            Failure::new(Exit::Usage, error).hint("name another folder")
+        }
+        error => Failure::new(Exit::Other, error),
+    }
+}
+
 fn pick(recording: &Recording, run: u32) -> Outcome<&crate::recording::RunData> {
     let found = recording
         .runs
@@ -394,13 +413,17 @@ fn pick(recording: &Recording, run: u32) -> Outcome<&crate::recording::RunData> 
             .iter()
             .map(|r| (r.run + 1).to_string())
             .collect();
-        Failure::say(
-            Exit::BadFile,
-            format!(
+        let message = match recording.foreign_topics() {
+            Some(topics) => format!(
+                "this is an MCAP file of another program (topics: {topics}); only recordings of rb-host are read"
+            ),
+            None if runs.is_empty() => "the recording holds no run".to_owned(),
+            None => format!(
                 "no samples of run {run}; runs in the file: {}",
                 runs.join(", ")
             ),
-        )
+        };
+        Failure::say(Exit::BadFile, message)
     })
 }
 
@@ -415,7 +438,7 @@ fn convert(
     let recording = load(context, path)?;
     let written = match to {
         Form::Csv => {
-            super::write_new(
+            disk::write_new(
                 output,
                 csv::to_csv(pick(&recording, run)?).as_bytes(),
                 force,
@@ -427,7 +450,7 @@ fn convert(
                 .file_stem()
                 .and_then(|s| s.to_str())
                 .unwrap_or("recording");
-            dataset::export(&recording, name, output).map_err(|e| Failure::new(Exit::Other, e))?
+            dataset::export(&recording, name, output).map_err(export_failed)?
         }
         Form::Attachments => attachments(&recording, output, force)?,
     };
@@ -445,14 +468,14 @@ fn convert(
 
 /// Writes the attached files under their own last name, whatever path they claim.
 fn attachments(recording: &Recording, folder: &Path, force: bool) -> Outcome<Vec<PathBuf>> {
-    std::fs::create_dir_all(folder)?;
+    disk::make_folder(folder)?;
     let mut written = Vec::new();
     for attachment in &recording.attachments {
         let Some(name) = Path::new(&attachment.name).file_name() else {
             continue;
         };
         let path = folder.join(name);
-        super::write_new(&path, &attachment.data, force)?;
+        disk::write_new(&path, &attachment.data, force)?;
         written.push(path);
     }
     Ok(written)
@@ -460,9 +483,14 @@ fn attachments(recording: &Recording, folder: &Path, force: bool) -> Outcome<Vec
 
 fn draw(context: &Context, path: &Path, output: Option<&Path>, run: u32, force: bool) -> Outcome {
     let recording = load(context, path)?;
-    let svg = plot::run_svg(pick(&recording, run)?, &context.robot_model());
     let output = output.map_or_else(|| path.with_extension("svg"), Path::to_owned);
-    super::write_new(&output, svg.as_bytes(), force)?;
+    disk::must_be_free(&output, force)?;
+    let svg = plot::run_svg(
+        pick(&recording, run)?,
+        &context.robot_model(),
+        recording.is_emulated(),
+    );
+    disk::write_new(&output, svg.as_bytes(), force)?;
     context
         .out
         .result("rb.rec_plot/1", json!({ "file": output }), || {

@@ -11,9 +11,10 @@ use serde_json::{Value, json};
 
 use crate::cli::parse_duration;
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::gait_file;
-use crate::link::{Robot, text};
+use crate::link::{PortUri, Robot, text};
 use crate::runner::{self, Order, RunReport};
 use crate::settings::Key;
 use crate::takes::{self, Take, open_recording};
@@ -23,7 +24,6 @@ use crate::upload::{self, Options};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Gait file, uploaded first
-    #[arg(required_unless_present = "slot")]
     gait: Option<PathBuf>,
     /// Slot: with a gait file where to store it, alone what to run
     #[arg(short, long)]
@@ -52,6 +52,9 @@ pub struct Args {
     /// Wait before the first movement
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     countdown: Option<Duration>,
+    /// Let the robot run to its end when this computer or the link is gone; else it stops within a second. `sim:` always does
+    #[arg(long)]
+    autonomous: bool,
     /// Attach this model file to the recording
     #[arg(short, long, value_name = "FILE")]
     model: Option<PathBuf>,
@@ -68,6 +71,7 @@ enum RoleArg {
     Check,
 }
 
+const NO_GAIT: &str = "give a gait file to run, or with --slot (-s) a slot of the robot";
 /// Longest wait for the robot to come to rest between two runs.
 const REST: Duration = Duration::from_secs(10);
 
@@ -76,6 +80,11 @@ const REST: Duration = Duration::from_secs(10);
 /// # Errors
 /// Exit codes 1, 3, 4, 5, 6, 7, 130.
 pub fn run(args: &Args, context: &Context) -> Outcome {
+    if args.gait.is_none() && args.slot.is_none() {
+        return Err(Failure::say(Exit::Usage, NO_GAIT).hint(
+            "`rb-host run GAIT.toml`, or `rb-host run -s 3`; `rb-host slots` shows what is stored",
+        ));
+    }
     let gait = args
         .gait
         .as_deref()
@@ -85,7 +94,10 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     if let (Some(folder), Some(gait)) = (&args.dataset, &gait) {
         return run_takes(args, context, folder, gait, model);
     }
-    let mut robot = context.connect()?;
+    if let Some(path) = &args.record {
+        disk::must_be_free(path, args.force)?;
+    }
+    let mut robot = context.connect_to(&context.port_to_move()?)?;
     let (slot, digest, gait) = place(args, &mut robot, gait)?;
     let order = order(args, context, slot, digest, gait)?;
     let mut recorder = match &args.record {
@@ -126,7 +138,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
             Some(path) => format!("recorded {}", path.display()),
             None => String::new(),
         });
-    verdict(&reports)
+    verdict(&reports, robot.link().uri())
 }
 
 /// Runs that become runs of a data set.
@@ -137,7 +149,7 @@ fn run_takes(
     gait: &Gait,
     model: Option<String>,
 ) -> Outcome {
-    let uri = context.port()?;
+    let uri = context.port_to_move()?;
     let model = model.unwrap_or_else(|| Model::hand_tuned().to_toml());
     let set = takes::open_set(folder, gait.name(), &model, &uri)?;
     let known = set.runs()?;
@@ -160,8 +172,10 @@ fn run_takes(
                 .duration
                 .unwrap_or_else(|| Duration::from_secs_f32(gait.duration_s())),
             rate_hz: rate_hz(args, context)?,
+            autonomous: args.autonomous,
             slot: args.slot,
             start_m: [0.0; 2],
+            filmed: true,
         };
         if !uri.is_sim() {
             let question = format!(
@@ -212,7 +226,7 @@ fn run_takes(
             )
         }
     });
-    verdict(&reports)
+    verdict(&reports, &uri)
 }
 
 fn rate_hz(args: &Args, context: &Context) -> Outcome<u32> {
@@ -257,7 +271,7 @@ fn place(args: &Args, robot: &mut Robot, gait: Option<Gait>) -> Outcome<(u8, Dig
             let (gait, digest) = upload::download(robot, slot)?;
             Ok((slot, digest, gait))
         }
-        (None, None) => Err(Failure::say(Exit::Usage, "give a gait file or --slot")),
+        (None, None) => Err(Failure::say(Exit::Usage, NO_GAIT)),
     }
 }
 
@@ -269,6 +283,7 @@ fn order(args: &Args, context: &Context, slot: u8, digest: Digest, gait: Gait) -
             .duration
             .unwrap_or_else(|| Duration::from_secs_f32(gait.duration_s())),
         rate_hz: rate_hz(args, context)?,
+        lease: runner::lease(&context.port()?, args.autonomous),
         countdown: args.countdown.unwrap_or_default(),
         gait,
     })
@@ -323,7 +338,7 @@ fn report_json(report: &RunReport) -> Value {
 }
 
 /// The exit code of the last run.
-fn verdict(reports: &[RunReport]) -> Outcome {
+fn verdict(reports: &[RunReport], uri: &PortUri) -> Outcome {
     let Some(last) = reports.last() else {
         return Ok(());
     };
@@ -340,7 +355,12 @@ fn verdict(reports: &[RunReport]) -> Outcome {
                 Exit::Refused,
                 format!("the run ended early: {}", text::end_reason(reason)),
             );
-            Err(failure.hint("`rb-host log` tells what happened"))
+            Err(failure.hint(match reason {
+                EndReason::HostLost => {
+                    "the robot heard no heartbeat of this computer for its lease; `--autonomous` lets it run on".to_owned()
+                }
+                _ => takes::what_happened(uri),
+            }))
         }
         None => Err(Failure::say(
             Exit::Link,

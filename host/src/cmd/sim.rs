@@ -15,10 +15,11 @@ use std::time::Duration;
 
 use crate::cli::parse_duration;
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome as Done};
 use crate::robot_file::RobotFile;
 use crate::searching::films;
-use crate::searching::frames::{Frames, make_empty};
+use crate::searching::frames::Frames;
 
 /// Play gaits in the body simulator: distance, impact, collision; with -o a data set folder, with --camera its films
 #[derive(Debug, clap::Args)]
@@ -95,6 +96,7 @@ pub fn run(args: &Args, context: &Context) -> Done {
     if let Some(folder) = &args.output {
         let folder = Writer::new(folder, args.camera, &model, robot.as_ref(), context)?;
         folder.write(&gaits, &runs, &trials, &outcomes)?;
+        context.out.wrote(folder.folder);
     }
     report(&gaits, &runs, &outcomes, context);
     Ok(())
@@ -192,8 +194,8 @@ impl<'a> Writer<'a> {
         robot: Option<&'a RobotFile>,
         context: &'a Context,
     ) -> Done<Self> {
-        make_empty(folder)?;
-        std::fs::create_dir_all(folder.join("gaits"))?;
+        disk::make_empty(folder)?;
+        disk::make_folder(&folder.join("gaits"))?;
         Ok(Self {
             folder,
             films,
@@ -221,7 +223,7 @@ impl<'a> Writer<'a> {
                 .folder
                 .join("gaits")
                 .join(format!("{}.toml", gait.name()));
-            std::fs::write(file, files::gait::to_toml(gait))?;
+            disk::write(&file, files::gait::to_toml(gait).as_bytes())?;
         }
         let bar = self.context.out.progress(runs.len() as u64, "writing");
         let mut starts_m: Vec<Option<[f32; 2]>> = vec![None; gaits.len()];
@@ -234,10 +236,8 @@ impl<'a> Writer<'a> {
                 "\n[[run]]\nfile = \"{name}.csv\"\ngait = \"{}\"\n",
                 gaits[g].name()
             );
-            std::fs::write(
-                self.folder.join(format!("{name}.csv")),
-                csv(&gaits[g], outcome, start_m),
-            )?;
+            let rows = csv(&gaits[g], outcome, start_m);
+            disk::write(&self.folder.join(format!("{name}.csv")), rows.as_bytes())?;
             if self.films {
                 let _ = writeln!(manifest, "frames = \"{name}\"");
                 self.film(&name, trial, outcome, start_m)?;
@@ -246,14 +246,12 @@ impl<'a> Writer<'a> {
         }
         bar.finish_and_clear();
         // The truth stays out of what a blind reader gets: the model is the shipped one.
-        std::fs::write(
-            self.folder.join("model.toml"),
-            Model::hand_tuned().to_toml(),
-        )?;
+        let shipped = Model::hand_tuned().to_toml();
+        disk::write(&self.folder.join("model.toml"), shipped.as_bytes())?;
         match self.robot {
-            None => std::fs::write(self.folder.join("dataset.toml"), manifest)?,
+            None => disk::write(&self.folder.join("dataset.toml"), manifest.as_bytes())?,
             // The data set format knows the meta-module and the bench, so another robot's runs have no manifest.
-            Some(robot) => std::fs::write(self.folder.join("robot.toml"), &robot.text)?,
+            Some(robot) => disk::write(&self.folder.join("robot.toml"), robot.text.as_bytes())?,
         }
         Ok(())
     }

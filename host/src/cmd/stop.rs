@@ -1,12 +1,12 @@
 //! `rb-host stop`
 
-use protocol::link::ToModule;
 use serde_json::json;
 
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
+use crate::link::{LinkError, Stopped};
 
-/// Stop the robot, whatever it does; needs no key. Exit 0 only when it acknowledged
+/// Stop the robot, whatever it does; needs no key. Exit 0 only when it acknowledged, and, if this host has its key, proved it
 #[derive(Debug, clap::Args)]
 pub struct Args {}
 
@@ -17,14 +17,20 @@ pub struct Args {}
 pub fn run(_args: &Args, context: &Context) -> Outcome {
     let mut robot = context.connect()?;
     robot.finish_in_peace();
-    robot.order(&ToModule::Stop).map_err(|error| {
-        Failure::new(Exit::Link, error)
-            .hint("the STOP was NOT acknowledged: use the STOP button on the robot")
+    let stopped = robot.stop().map_err(|error| match error {
+        LinkError::Unproved | LinkError::StillMoving => Failure::from(error),
+        error => Failure::new(Exit::Link, error)
+            .hint("the STOP was NOT acknowledged: use the STOP button on the robot"),
     })?;
-    context
-        .out
-        .result("rb.stop/1", json!({ "acknowledged": true }), || {
-            "stopped (acknowledged)".to_owned()
-        });
+    let proved = stopped == Stopped::Proved;
+    let value = json!({ "acknowledged": true, "proved": proved });
+    context.out.result("rb.stop/1", value, || {
+        if proved {
+            "stopped (acknowledged, proved with the robot's key)".to_owned()
+        } else {
+            "stopped (acknowledged, not authenticated: this host has no key of the robot)"
+                .to_owned()
+        }
+    });
     Ok(())
 }

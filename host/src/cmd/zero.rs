@@ -1,6 +1,6 @@
 //! `rb-host zero`
 
-use control::robot::JOINTS;
+use control::robot::{JOINT_NAMES, JOINTS};
 use protocol::link::{ALL_JOINTS, Tag, ToModule};
 use serde_json::json;
 
@@ -14,9 +14,23 @@ use crate::link::text;
 /// the marks aligned, then give this order. Every restart of a driver needs it again.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Only this joint, 0 to 5; may be repeated
-    #[arg(short, long, value_name = "N")]
-    joint: Vec<u8>,
+    /// Only this joint, 0 to 5 or A.M0 to B.M2; may be repeated
+    #[arg(long, short_alias = 'j', value_name = "JOINT")]
+    joint: Vec<String>,
+}
+
+/// A joint by its number or its name.
+fn joint_number(text: &str) -> Outcome<usize> {
+    let by_name = JOINT_NAMES.iter().position(|name| *name == text);
+    let by_number = || text.parse().ok().filter(|joint| *joint < JOINTS);
+    by_name.or_else(by_number).ok_or_else(|| {
+        let names = JOINT_NAMES.join(", ");
+        let last = JOINTS - 1;
+        Failure::say(
+            Exit::Usage,
+            format!("--joint {text}: joints are 0 to {last}, or {names}"),
+        )
+    })
 }
 
 /// Stores the zero.
@@ -26,13 +40,7 @@ pub struct Args {
 pub fn run(args: &Args, context: &Context) -> Outcome {
     let mut joint_mask = if args.joint.is_empty() { ALL_JOINTS } else { 0 };
     for joint in &args.joint {
-        if usize::from(*joint) >= JOINTS {
-            return Err(Failure::say(
-                Exit::Usage,
-                format!("--joint {joint}: joints are 0 to {}", JOINTS - 1),
-            ));
-        }
-        joint_mask |= 1 << joint;
+        joint_mask |= 1 << joint_number(joint)?;
     }
     let mut robot = context.connect()?;
     let question = format!(

@@ -25,6 +25,7 @@ use serde_json::json;
 
 use crate::cli::Cli;
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::link::PortUri;
 use crate::searching::folder::Folder;
@@ -131,7 +132,7 @@ impl<'a> Hybrid<'a> {
             return Err(Failure::say(Exit::Usage, message)
                 .hint("go on with --resume, or choose another folder"));
         }
-        std::fs::create_dir_all(path)?;
+        disk::make_folder(path)?;
         let folder = Folder::at(path);
         let settings = toml::to_string(&beginning.settings).map_err(anyhow::Error::from)?;
         folder.write(SETTINGS, settings.as_bytes())?;
@@ -164,7 +165,7 @@ impl<'a> Hybrid<'a> {
         let folder = Folder::at(path);
         let read = |name: &str| {
             let path = folder.join(name);
-            std::fs::read_to_string(&path).map_err(|e| {
+            disk::read_text(&path, disk::MAX_TEXT).map_err(|e| {
                 Failure::say(Exit::Usage, format!("{}: {e}", path.display()))
                     .hint("leave --resume away to begin a hybrid cycle there")
             })
@@ -248,7 +249,7 @@ impl<'a> Hybrid<'a> {
     }
 
     fn step(&mut self, step: Step) -> Outcome {
-        std::fs::create_dir_all(self.cycle_path())?;
+        disk::make_folder(&self.cycle_path())?;
         match step {
             Step::Search => self.search(),
             Step::Record => self.record(),
@@ -304,11 +305,12 @@ impl<'a> Hybrid<'a> {
         settings.seed = settings.seed.wrapping_add(u64::from(self.state.cycle - 1));
         let text = toml::to_string(&settings).map_err(anyhow::Error::from)?;
         folder.write("search.toml", text.as_bytes())?;
+        if !path.join("search/checkpoint.json").exists() {
+            disk::remove_folder(&path.join("search"))?;
+        }
         // What an interrupted search selected is not what the whole one does.
         let gaits = path.join("search/gaits");
-        if gaits.exists() {
-            std::fs::remove_dir_all(gaits)?;
-        }
+        disk::remove_folder(&gaits)?;
         let mut words = self.words(&["optimise", "gait"], "search");
         if !path.join("search/checkpoint.json").exists() {
             words.extend(["-s".into(), path.join("search.toml").into()]);
@@ -319,7 +321,9 @@ impl<'a> Hybrid<'a> {
 
     fn diagnose(&self) -> Outcome {
         let path = self.cycle_path();
-        let mut words: Vec<OsString> = ["rb-host", "gap", "report"].map(Into::into).into();
+        let mut words: Vec<OsString> = ["rb-host", "gap", "report", "--force"]
+            .map(Into::into)
+            .into();
         words.push(path.join("set").into());
         for (flag, file) in [
             ("-o", "diagnosis.html"),
@@ -342,6 +346,9 @@ impl<'a> Hybrid<'a> {
             from = "patched.toml";
             let found = crate::model_file::load(Some(&path.join(DIAGNOSIS)))?;
             folder.write(from, self.filmed(found)?.to_toml().as_bytes())?;
+        }
+        if !path.join("match/checkpoint.json").exists() {
+            disk::remove_folder(&path.join("match"))?;
         }
         let mut words = self.words(&["optimise", "model"], "match");
         words.insert(3, path.join("set").into());

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use super::account::Account;
+use crate::disk;
 use crate::failure::Outcome;
 
 /// Style of the page.
@@ -54,7 +55,7 @@ pub(super) fn html(path: &Path, cycle: u32, account: &Account) -> Outcome<String
 
 fn text(out: &mut String, title: &str, path: &Path) -> Outcome {
     if path.exists() {
-        let text = std::fs::read_to_string(path)?;
+        let text = disk::text(path)?;
         let _ = write!(out, "<h3>{title}</h3><pre>{}</pre>", escaped(&text));
     }
     Ok(())
@@ -62,14 +63,14 @@ fn text(out: &mut String, title: &str, path: &Path) -> Outcome {
 
 fn svg(out: &mut String, title: &str, path: &Path) -> Outcome {
     if path.exists() {
-        let _ = write!(out, "<h3>{title}</h3>{}", std::fs::read_to_string(path)?);
+        let _ = write!(out, "<h3>{title}</h3>{}", disk::text(path)?);
     }
     Ok(())
 }
 
 fn png(out: &mut String, title: &str, path: &Path) -> Outcome {
     if path.exists() {
-        let data = base64(&std::fs::read(path)?);
+        let data = base64(&std::fs::read(path).map_err(|e| disk::bad_file(path, &e))?);
         let _ = write!(
             out,
             "<h3>{title}</h3><img alt=\"{title}\" src=\"data:image/png;base64,{data}\">"

@@ -8,6 +8,7 @@ use files::dataset::Role;
 use optimise::select::Chosen;
 
 use super::Hybrid;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::interrupt;
 use crate::link::PortUri;
@@ -53,9 +54,11 @@ impl Hybrid<'_> {
                     gait: gait.clone(),
                     role: Some(*role),
                     duration: Duration::from_secs_f32(gait.duration_s()),
+                    autonomous: false,
                     rate_hz: TELEMETRY_HZ,
                     slot: self.state.slot,
                     start_m,
+                    filmed: true,
                 };
                 if set.runs()?.contains(&take.name) {
                     continue;
@@ -84,7 +87,8 @@ impl Hybrid<'_> {
         let path = self.cycle_path().join("search");
         let file = path.join("selection.json");
         let bad = |e: String| Failure::say(Exit::BadFile, format!("{}: {e}", file.display()));
-        let text = std::fs::read_to_string(&file).map_err(|e| bad(e.to_string()))?;
+        let text =
+            disk::read_regular_text(&file, disk::MAX_TEXT).map_err(|e| bad(e.to_string()))?;
         let chosen: Vec<Chosen> = serde_json::from_str(&text).map_err(|e| bad(e.to_string()))?;
         if !chosen.iter().any(|gait| gait.training) {
             return Err(bad("the search found no gait to train with".to_owned())

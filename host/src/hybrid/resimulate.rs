@@ -17,6 +17,7 @@ use serde::Serialize;
 use serde_json::json;
 
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::recording::set::SetFolder;
 use crate::searching::films;
@@ -178,7 +179,7 @@ fn achieved_m_s(set: &SetFolder, gait: &str) -> Outcome<Vec<f64>> {
     for run in manifest.runs.iter().filter(|run| run.gait == gait) {
         let path = set.path().join(&run.file);
         let shown = path.display().to_string();
-        let text = std::fs::read_to_string(&path)
+        let text = disk::read_regular_text(&path, disk::MAX_DATA)
             .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
         let (recording, _) = Recording::parse(&shown, &text, &manifest)
             .map_err(|e| Failure::new(Exit::BadFile, e))?;
@@ -264,6 +265,6 @@ impl Theatre {
 /// # Errors
 /// Exit code 1 when the disk refuses.
 pub fn folder(path: &Path) -> Outcome<Folder> {
-    std::fs::create_dir_all(path)?;
+    disk::make_folder(path)?;
     Ok(Folder::at(path))
 }

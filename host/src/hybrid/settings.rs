@@ -6,6 +6,7 @@ use optimise::meta::{PAPER_ITERATIONS, PAPER_PARTICLES};
 use optimise::settings::SearchSettings;
 use serde::{Deserialize, Serialize};
 
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 
 /// Settings of a hybrid cycle.
@@ -76,8 +77,9 @@ impl HybridSettings {
         };
         let shown = path.display();
         let bad = |why: String| Failure::say(Exit::BadFile, format!("{shown}: {why}"));
-        let text = std::fs::read_to_string(path).map_err(|e| bad(e.to_string()))?;
-        let settings: Self = toml::from_str(&text).map_err(|e| bad(e.to_string()))?;
+        let text = disk::read_text(path, disk::MAX_TEXT).map_err(|e| bad(e.to_string()))?;
+        let settings: Self =
+            toml::from_str(&text).map_err(|e| disk::toml_error(path, &text, &e))?;
         settings
             .search
             .check()

@@ -88,6 +88,14 @@ pub enum LinkError {
         /// What was asked.
         request: &'static str,
     },
+    /// A STOP was acknowledged, and not proved with the robot's key.
+    #[error(
+        "the STOP was acknowledged without the proof of the robot's key: the answer may be forged"
+    )]
+    Unproved,
+    /// The robot proved that it still moves.
+    #[error("the robot acknowledged the STOP and still moves")]
+    StillMoving,
     /// Ctrl-C.
     #[error("stopped by Ctrl-C")]
     Interrupted,
@@ -101,6 +109,15 @@ impl LinkError {
             self,
             Self::Closed { .. } | Self::Timeout { .. } | Self::Open { .. }
         )
+    }
+
+    /// What a port that was open before tells when it does not open again.
+    #[must_use]
+    pub(crate) fn gone(self) -> Self {
+        match self {
+            Self::Open { port, source } => Self::Closed { port, source },
+            other => other,
+        }
     }
 
     /// A version mismatch with ours.
@@ -127,6 +144,8 @@ impl LinkError {
             | Self::Timeout { .. }
             | Self::Restarted { .. }
             | Self::WrongAnswer { .. }
+            | Self::Unproved
+            | Self::StillMoving
             | Self::TooLarge { .. } => Exit::Link,
         }
     }
@@ -146,6 +165,10 @@ impl LinkError {
                  `rb-host config key set`"
                     .to_owned(),
             ),
+            Self::Unproved => Some(
+                "look at the robot, use its STOP button if it moves; if it has lost its key, set one over USB: `rb-host config key set`".to_owned(),
+            ),
+            Self::StillMoving => Some("use the STOP button on the robot".to_owned()),
             _ => None,
         }
     }
@@ -160,7 +183,7 @@ fn open_hint(source: &io::Error, port: &str) -> String {
         io::ErrorKind::ConnectionRefused if port.starts_with("tcp") => {
             "nothing listens there; start `rb-host emulate robot --tcp ADDRESS` or check the address".to_owned()
         }
-        _ if port.contains("rfcomm") => "is the module in range and bound? See docs/bluetooth.md".to_owned(),
+        _ if port.contains("rfcomm") => "is the module in range and bound? See docs/how-to/bluetooth.md".to_owned(),
         _ => "another program may hold the port; `rb-host doctor` tells".to_owned(),
     }
 }
@@ -173,5 +196,20 @@ impl From<LinkError> for Failure {
             Some(hint) => failure.hint(hint),
             None => failure,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_port_that_does_not_open_again_is_a_lost_link() {
+        let refused = || LinkError::Open {
+            port: "tcp://127.0.0.1:1".to_owned(),
+            source: io::ErrorKind::ConnectionRefused.into(),
+        };
+        assert_eq!(Failure::from(refused()).exit(), Exit::Port);
+        assert_eq!(Failure::from(refused().gone()).exit(), Exit::Link);
     }
 }

@@ -3,7 +3,7 @@
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
-use protocol::link::{KEY_LEN, Key};
+use protocol::link::{KEY_LEN, Key, Nonce};
 
 /// Where keys are kept.
 #[derive(Debug, Clone)]
@@ -48,11 +48,15 @@ impl KeyStore {
                 "no folder for keys: set HOME or key_file",
             )
         })?;
-        if let Some(folder) = path.parent() {
-            std::fs::create_dir_all(folder)?;
+        let folder = path.parent().map_or(Ok(()), std::fs::create_dir_all);
+        let written = folder.and_then(|()| write_private(&path, &format_key(key)));
+        match written {
+            Ok(()) => Ok(path),
+            Err(error) => {
+                let message = format!("cannot write {}: {error}", path.display());
+                Err(io::Error::new(error.kind(), message))
+            }
         }
-        write_private(&path, &format_key(key))?;
-        Ok(path)
     }
 }
 
@@ -83,9 +87,21 @@ fn write_private(path: &Path, text: &str) -> io::Result<()> {
 /// # Errors
 /// There is no source of randomness.
 pub fn new_key() -> io::Result<Key> {
-    let mut bytes = [0; KEY_LEN];
+    Ok(Key(random()?))
+}
+
+/// A challenge for the robot.
+///
+/// # Errors
+/// There is no source of randomness.
+pub fn new_nonce() -> io::Result<Nonce> {
+    Ok(Nonce(random()?))
+}
+
+fn random<const N: usize>() -> io::Result<[u8; N]> {
+    let mut bytes = [0; N];
     std::fs::File::open("/dev/urandom")?.read_exact(&mut bytes)?;
-    Ok(Key(bytes))
+    Ok(bytes)
 }
 
 fn format_key(key: &Key) -> String {

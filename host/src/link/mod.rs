@@ -17,7 +17,7 @@ use std::time::Duration;
 
 pub use error::LinkError;
 pub use port::PortUri;
-pub use robot::Robot;
+pub use robot::{Robot, Stopped};
 pub use sim::EmulatedLab;
 
 /// A two-way stream of bytes with its own clock.

@@ -4,10 +4,12 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use protocol::link::{
-    Client, FromModule, Hello, Info, Key, MAX_FRAME, Nonce, Reject, ToModule, VERSION,
+    Client, FromModule, Hello, Info, Key, MAX_FRAME, ModuleState, Nonce, Reject, Tag, ToModule,
+    VERSION,
 };
 
-use super::{Link, LinkError, keys::KeyStore};
+use super::keys::{KeyStore, new_nonce};
+use super::{Link, LinkError};
 use crate::interrupt;
 
 /// Times a request is sent before it counts as unanswered. The module does a repeated request once.
@@ -28,6 +30,15 @@ pub struct Pong {
     pub host: Duration,
 }
 
+/// What is known after a STOP.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stopped {
+    /// Somebody acknowledged it; without a key nobody can say who.
+    Acknowledged,
+    /// The robot proved with its key that it stops.
+    Proved,
+}
+
 /// A robot that said HELLO.
 pub struct Robot {
     link: Box<dyn Link>,
@@ -37,6 +48,7 @@ pub struct Robot {
     hello: Hello,
     inbox: VecDeque<FromModule>,
     heed_interrupt: bool,
+    _grace: interrupt::Guard,
 }
 
 impl core::fmt::Debug for Robot {
@@ -71,6 +83,10 @@ fn name(message: &ToModule) -> &'static str {
         ToModule::SetKey { .. } => "set key",
         ToModule::Reset { .. } => "reset",
         ToModule::GetCrash => "crash record",
+        ToModule::StartTethered { .. } => "start",
+        ToModule::Heartbeat { .. } => "heartbeat",
+        ToModule::ProveState { .. } => "proof of its state",
+        ToModule::ChangeGait { .. } => "change of gait",
     }
 }
 
@@ -100,6 +116,7 @@ impl Robot {
             hello: nothing,
             inbox: VecDeque::new(),
             heed_interrupt: true,
+            _grace: interrupt::grace("stopping"),
         };
         robot.say_hello()?;
         robot.key = keys.load(robot.hello.robot_id);
@@ -160,6 +177,11 @@ impl Robot {
                 self.resume()?;
                 self.ask_once(message)
             }
+            // The challenge was voided between its answer and the order, by its age or by somebody's STOP or HELLO: nothing has changed, sign anew.
+            Err(LinkError::Refused {
+                reason: Reject::NoChallenge,
+                ..
+            }) if self.key.is_some() && message.tag().is_some() => self.ask_once(message),
             other => other,
         }
     }
@@ -193,7 +215,8 @@ impl Robot {
                     self.check_interrupt()?;
                     std::thread::sleep(Duration::from_millis(200));
                 }
-                other => return other,
+                // The port was open before: that it does not open again is a matter of the link.
+                other => return other.map_err(LinkError::gone),
             }
         }
     }
@@ -336,6 +359,40 @@ impl Robot {
                 request: name(message),
             }),
         }
+    }
+
+    /// STOP, and the proof that it was this robot that stopped, if this host has its key.
+    ///
+    /// # Errors
+    /// [`LinkError::Unproved`] when the answer is not the robot's, [`LinkError::StillMoving`] when it is and the robot moves.
+    pub fn stop(&mut self) -> Result<Stopped, LinkError> {
+        self.order(&ToModule::Stop)?;
+        let Some(key) = self.key else {
+            return Ok(Stopped::Acknowledged);
+        };
+        let nonce = new_nonce().map_err(|_| LinkError::Unproved)?;
+        let answer = match self.ask(&ToModule::ProveState { nonce }) {
+            Err(LinkError::Refused { .. }) => return Err(LinkError::Unproved),
+            answer => answer?,
+        };
+        match answer {
+            FromModule::State { state, .. } if key.proves(&nonce, &answer) => match state {
+                ModuleState::Armed | ModuleState::Run => Err(LinkError::StillMoving),
+                _ => Ok(Stopped::Proved),
+            },
+            _ => Err(LinkError::Unproved),
+        }
+    }
+
+    /// Tells the robot of a tethered run that this host is still there, within `patience`.
+    ///
+    /// # Errors
+    /// [`LinkError`]
+    pub fn heartbeat(&mut self, patience: Duration) -> Result<(), LinkError> {
+        let timeout = core::mem::replace(&mut self.timeout, patience);
+        let result = self.order(&ToModule::Heartbeat { tag: Tag::NONE });
+        self.timeout = timeout;
+        result
     }
 
     /// Round trip and module clock.

@@ -14,12 +14,12 @@ use hil_sim::scenario::{self, Scenario};
 use hil_sim::world::World;
 
 use super::{Link, LinkError, PortUri};
-use crate::gait_file::read_text;
+use crate::disk;
 use crate::recording::beside::{BaseRow, ImuRow, Seen};
 use crate::searching::frames::Frames;
 
 /// Largest scenario file.
-const MAX_BYTES: usize = 1 << 20;
+const MAX_BYTES: u64 = 1 << 20;
 
 /// The emulated robot as a link.
 pub struct SimLink {
@@ -78,13 +78,18 @@ impl EmulatedLab {
     }
 }
 
+fn read(path: &Path) -> Result<String, LinkError> {
+    disk::read_text(path, MAX_BYTES)
+        .map_err(|e| LinkError::Scenario(format!("cannot read {}: {e}", path.display())))
+}
+
 /// Reads a scenario; without a file six catalogue motors without faults.
 ///
 /// # Errors
 /// [`LinkError::Scenario`]
 pub fn load_scenario(path: Option<&Path>) -> Result<Scenario, LinkError> {
     let text = match path {
-        Some(path) => read_text(path, MAX_BYTES).map_err(|e| LinkError::Scenario(e.to_string()))?,
+        Some(path) => read(path)?,
         None => String::new(),
     };
     let name = path.map_or_else(|| "sim:".to_owned(), |p| p.display().to_string());
@@ -93,8 +98,7 @@ pub fn load_scenario(path: Option<&Path>) -> Result<Scenario, LinkError> {
     if let Some(file) = &scenario.model_file {
         let folder = path.and_then(Path::parent).unwrap_or(Path::new(""));
         let shown = folder.join(file).display().to_string();
-        let text = read_text(&folder.join(file), MAX_BYTES)
-            .map_err(|e| LinkError::Scenario(e.to_string()))?;
+        let text = read(&folder.join(file))?;
         scenario.model =
             Model::parse(&shown, &text).map_err(|e| LinkError::Scenario(e.to_string()))?;
     }

@@ -2,7 +2,7 @@
 
 use control::robot::JOINT_NAMES;
 use protocol::link::{
-    EndReason, Event, EventKind, Fault, GaitReject, ModuleState, Reject, ResetCause,
+    EndReason, Event, EventKind, Fault, GaitReject, ModuleState, PortFault, Reject, ResetCause,
 };
 
 /// A digest in hexadecimal.
@@ -165,6 +165,13 @@ pub fn reject(reason: &Reject) -> String {
         Reject::NoSamples => "it keeps no samples from there on".to_owned(),
         Reject::BusOrder => "the bus order is empty or too long".to_owned(),
         Reject::Unsupported => "it cannot do that".to_owned(),
+        Reject::Lease { min_ms, max_ms } => {
+            format!("the lease is out of range, {min_ms} to {max_ms} ms")
+        }
+        Reject::NotTethered => "no tethered run is under way".to_owned(),
+        Reject::NoEntropy => {
+            "its random number generator failed the self-test, so it starts nothing".to_owned()
+        }
     }
 }
 
@@ -236,6 +243,7 @@ pub fn remedy(reason: &Reject) -> Option<&'static str> {
             "move the robot by hand nearer to the start pose, or change the gait's offsets"
         }
         Reject::OtherGait { .. } => "upload the gait again",
+        Reject::NoEntropy => "switch it off and on; if it stays, the chip is to be replaced",
         _ => return None,
     })
 }
@@ -250,7 +258,21 @@ pub fn end_reason(reason: &EndReason) -> String {
         EndReason::ApproachBlocked => "approach_blocked".to_owned(),
         EndReason::ArmTimeout => "arm_timeout".to_owned(),
         EndReason::Fault(f) => format!("fault: {}", fault(f)),
+        EndReason::HostLost => "host_lost".to_owned(),
     }
+}
+
+fn port_error(port: u8, fault: PortFault) -> String {
+    let port = match port {
+        2 => "motor bus".to_owned(),
+        link => format!("host link {link}"),
+    };
+    let fault = match fault {
+        PortFault::Overrun => "bytes were lost",
+        PortFault::Noise => "framing, parity or noise error",
+        PortFault::Closed => "the other side is gone",
+    };
+    format!("{port}: {fault}")
 }
 
 /// Stable short name of an event, and the event in words.
@@ -328,5 +350,13 @@ pub fn event(event: &Event) -> (&'static str, String) {
             "stop",
             if *input { "STOP input" } else { "STOP order" }.to_owned(),
         ),
+        EventKind::Repeated { count, first } => {
+            ("repeated", format!("event {first} came {count} times more"))
+        }
+        EventKind::GaitChanged { slot, digest } => (
+            "gait_changed",
+            format!("slot {slot}, digest {}", hex(&digest.0)),
+        ),
+        EventKind::PortError { port, fault } => ("port_error", port_error(*port, *fault)),
     }
 }

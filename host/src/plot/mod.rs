@@ -33,7 +33,7 @@ fn colour(joint: usize) -> &'static str {
 
 /// A run: film strip, set-points against positions of six joints, currents and bus voltage.
 #[must_use]
-pub fn run_svg(run: &RunData, model: &RobotModel) -> String {
+pub fn run_svg(run: &RunData, model: &RobotModel, emulated: bool) -> String {
     let first_us = run.samples.first().map_or(0, |s| s.t_us);
     let timing = Timing::of(run).unwrap_or(Timing {
         period_us: control::CYCLE_US,
@@ -48,7 +48,7 @@ pub fn run_svg(run: &RunData, model: &RobotModel) -> String {
     );
     let height = 96.0 + STRIP_HEIGHT + 4.0 * (PANEL_HEIGHT + 34.0) + 50.0;
     let mut out = Svg::new(WIDTH, height);
-    title(&mut out, run);
+    title(&mut out, run, emulated);
     strip::draw(
         &mut out,
         run,
@@ -85,10 +85,11 @@ fn place(column: usize, row: usize) -> (f64, f64) {
     )
 }
 
-fn title(out: &mut Svg, run: &RunData) {
+fn title(out: &mut Svg, run: &RunData, emulated: bool) {
     let gait = run.start.as_ref().map_or("run", |s| s.gait.as_str());
     out.text((MARGIN, 38.0), 24.0, "#111111", "start", gait);
-    let mut words = format!("run {}, {} samples", run.run + 1, run.samples.len());
+    let robot = if emulated { "emulated robot, " } else { "" };
+    let mut words = format!("{robot}run {}, {} samples", run.run + 1, run.samples.len());
     match &run.end {
         Some(end) => {
             words.push_str(&format!(", {}, {} cycles", end.reason, end.cycles));
@@ -284,7 +285,7 @@ pub fn gait_svg(gait: &Gait) -> String {
     let mut out = Svg::new(WIDTH, height);
     out.text((MARGIN, 38.0), 24.0, "#111111", "start", gait.name());
     let words = format!(
-        "set-points over {} s at {} Hz",
+        "set-points as computed, over {} s at {} Hz; no robot has run them here",
         gait.duration_s(),
         gait.frequency_hz()
     );
@@ -308,7 +309,7 @@ pub fn gait_svg(gait: &Gait) -> String {
         let panel = Panel {
             title: format!("{k}  {}", JOINT_NAMES.get(k).copied().unwrap_or("")),
             note: format!(
-                "R {:.1} deg, X {:.1} deg",
+                "amplitude R {:.1} deg, offset X {:.1} deg",
                 o.amplitude_rad.to_degrees(),
                 o.offset_rad.to_degrees()
             ),

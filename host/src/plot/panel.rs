@@ -34,6 +34,8 @@ pub(super) struct Panel {
 const LEFT: f64 = 52.0;
 /// Room for the title.
 const TOP: f64 = 18.0;
+/// From the end of the time axis to its unit: beyond half the label of a tick that stands at the end.
+const UNIT_GAP: f64 = 14.0;
 /// Most points drawn per curve: one per half pixel.
 const MAX_POINTS: usize = 2000;
 
@@ -98,10 +100,10 @@ impl Panel {
             self.unit,
         );
         out.text(
-            (x0 + width, y0 + height + 15.0),
+            (x0 + width + UNIT_GAP, y0 + height + 15.0),
             11.0,
             "#555555",
-            "end",
+            "start",
             "s",
         );
         out.frame((x0, y0), (width, height), "#999999");
@@ -156,4 +158,58 @@ fn ticks(low: f64, high: f64, count: usize) -> Vec<f64> {
 fn label(value: f64) -> String {
     let rounded = (value * 1e4).round() / 1e4;
     format!("{}", if rounded == 0.0 { 0.0 } else { rounded })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The texts of a picture as (left, right, y, words), with 0.6 em a character, which is wide.
+    fn texts(svg: &str) -> Vec<(f64, f64, f64, String)> {
+        let value = |line: &str, key: &str| -> String {
+            let from = line.split(&format!("{key}=\"")).nth(1).unwrap();
+            from.split('"').next().unwrap().to_owned()
+        };
+        let number = |line: &str, key: &str| value(line, key).parse::<f64>().unwrap();
+        let text = |line: &str| {
+            let words = line.split('>').nth(1).unwrap().split('<').next().unwrap();
+            let width = 0.6 * number(line, "font-size") * words.chars().count() as f64;
+            let x = number(line, " x");
+            let left = match value(line, "text-anchor").as_str() {
+                "start" => x,
+                "middle" => x - 0.5 * width,
+                _ => x - width,
+            };
+            (left, left + width, number(line, " y"), words.to_owned())
+        };
+        let lines = svg.lines().filter(|line| line.starts_with("<text"));
+        lines.map(text).collect()
+    }
+
+    #[test]
+    fn no_label_lies_on_another() {
+        for length_s in [5.0, 9.5, 30.0, 34.0, 60.0, 100.0, 3600.0] {
+            let curve = |points| Curve {
+                colour: "#000000",
+                width: 1.0,
+                points,
+            };
+            let panel = Panel {
+                title: "0  A.M0".to_owned(),
+                note: "error 1.00 deg rms".to_owned(),
+                unit: "deg",
+                least_span: 10.0,
+                curves: vec![curve(vec![(0.0, -40.0), (length_s, 40.0)])],
+            };
+            let mut out = Svg::new(600.0, 200.0);
+            panel.draw(&mut out, (10.0, 10.0), (560.0, 150.0), (0.0, length_s), &[]);
+            let texts = texts(&out.finish());
+            for (k, a) in texts.iter().enumerate() {
+                for b in &texts[k + 1..] {
+                    let apart = a.1 <= b.0 || b.1 <= a.0 || (a.2 - b.2).abs() >= 10.0;
+                    assert!(apart, "{length_s} s: {a:?} lies on {b:?}");
+                }
+            }
+        }
+    }
 }

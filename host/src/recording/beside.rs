@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 
 use super::reader::RunData;
 use super::timing::Timing;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::searching::frames::Frames;
 
@@ -45,6 +46,17 @@ pub struct Seen {
     pub base: Vec<BaseRow>,
     /// Inertial readings on the robot's clock.
     pub imu: Vec<ImuRow>,
+}
+
+impl Seen {
+    /// Without the film and the poses that are laid in time by it.
+    #[must_use]
+    pub fn without_film(self) -> Self {
+        Self {
+            imu: self.imu,
+            ..Self::default()
+        }
+    }
 }
 
 /// The same on the run's time, from its t = 0 to its end.
@@ -194,7 +206,7 @@ pub fn read_track(path: &Path) -> Outcome<Vec<BaseRow>> {
         Failure::say(Exit::BadFile, format!("{shown}:{line}: {why}"))
             .hint(format!("the first line is {}", TRACK.join(",")))
     };
-    let text = std::fs::read_to_string(path)
+    let text = disk::read_text(path, disk::MAX_TEXT)
         .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
     let mut lines = text.lines().enumerate();
     if lines.next().map(|(_, header)| header.trim()) != Some(TRACK.join(",").as_str()) {

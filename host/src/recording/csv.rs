@@ -1,4 +1,4 @@
-//! A run as CSV with the columns of the data set format (docs/recording.md).
+//! A run as CSV with the columns of the data set format (docs/how-to/record.md).
 //!
 //! Time is the device clock, counted from the first CPG tick of the run. Set-points have the row of the instant they were
 //! sent; each measurement has the row of its own instant. The way to the start pose and the stop are left out: they are not

@@ -12,7 +12,7 @@ use super::reader::Recording;
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     /// The folder exists and is not empty.
-    #[error("{path} exists and is not empty; name another folder")]
+    #[error("{path} exists and is not empty")]
     NotEmpty {
         /// The folder.
         path: PathBuf,

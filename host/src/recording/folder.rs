@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
-use files::dataset::{Manifest, Recording};
+use files::dataset::{Manifest, Recording, Warning, is_inside};
 use files::model::Model;
+
+use crate::disk;
 
 /// What a check found.
 #[derive(Debug, Default)]
@@ -27,8 +29,14 @@ pub fn check(folder: &Path) -> Report {
     };
     let manifest = match Manifest::parse("dataset.toml", &text) {
         Ok((manifest, warnings)) => {
-            let notes = warnings.iter().map(ToString::to_string);
-            report.notes.extend(notes);
+            // A key that nobody reads is a value that nobody uses: most of them are misspelt.
+            for warning in &warnings {
+                let list = match warning {
+                    Warning::UnknownKey { .. } => &mut report.problems,
+                    _ => &mut report.notes,
+                };
+                list.push(warning.to_string());
+            }
             manifest
         }
         Err(error) => {
@@ -48,7 +56,8 @@ pub fn check(folder: &Path) -> Report {
     for gait in gaits {
         let name = format!("gaits/{gait}.toml");
         // Bench motions have no gait file.
-        if folder.join(&name).exists()
+        if is_inside(&name)
+            && folder.join(&name).exists()
             && let Some(text) = read(folder, &name, &mut report)
             && let Err(error) = files::gait::parse(&name, &text)
         {
@@ -75,7 +84,7 @@ pub fn check(folder: &Path) -> Report {
 }
 
 fn read(folder: &Path, name: &str, report: &mut Report) -> Option<String> {
-    match std::fs::read_to_string(folder.join(name)) {
+    match disk::read_regular_text(&folder.join(name), disk::MAX_TEXT) {
         Ok(text) => Some(text),
         Err(error) => {
             report.problems.push(format!("{name}: {error}"));
@@ -124,7 +133,7 @@ fn film(folder: &Path, frames: &str, report: &mut Report) {
             )),
         }
         let file = file.trim();
-        if file.is_empty() || !folder.join(frames).join(file).is_file() {
+        if !is_inside(file) || !folder.join(frames).join(file).is_file() {
             report.problems.push(format!(
                 "{name}:{number}: column `file`: there is no picture `{file}` in {frames}"
             ));

@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use files::dataset::{DatasetError, Manifest, Recording as Columns, Warning};
 
 use super::{ReadError, csv, reader};
+use crate::disk;
 
 /// What was read.
 pub struct Loaded {
@@ -40,10 +41,20 @@ pub enum LoadError {
         source: io::Error,
     },
     /// Neither a manifest nor a recording.
-    #[error("{path} holds neither dataset.toml nor an MCAP recording")]
+    #[error("{path} holds neither dataset.toml nor a recording with samples")]
     Nothing {
         /// The folder.
         path: PathBuf,
+    },
+    /// An MCAP file of another program.
+    #[error(
+        "{path} is an MCAP file of another program (topics: {topics}); only recordings of rb-host are read"
+    )]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// Its topics.
+        topics: String,
     },
     /// Manifest or CSV is wrong.
     #[error(transparent)]
@@ -71,12 +82,12 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
         let text = if manifest.exists() {
             read_text(&manifest)?
         } else {
-            made_up(path, &recordings_in(path)?)?
+            made_up(path, &recordings_in(path)?, path)?
         };
         (path.to_owned(), text)
     } else {
         let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-        let text = made_up(&folder, &[path.to_owned()])?;
+        let text = made_up(&folder, &[path.to_owned()], path)?;
         (folder, text)
     };
     let (manifest, mut warnings) = Manifest::parse("dataset.toml", &text)?;
@@ -98,7 +109,7 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
 }
 
 fn read_text(path: &Path) -> Result<String, LoadError> {
-    fs::read_to_string(path).map_err(|source| LoadError::Io {
+    disk::read_regular_text(path, disk::MAX_TEXT).map_err(|source| LoadError::Io {
         path: path.to_owned(),
         source,
     })
@@ -138,7 +149,8 @@ fn is_mcap(file: &str) -> bool {
 /// CSV of one run of the manifest.
 pub(super) fn run_text(folder: &Path, file: &str) -> Result<String, LoadError> {
     if !is_mcap(file) {
-        return fs::read_to_string(folder.join(file)).map_err(|source| LoadError::Run {
+        let text = disk::read_regular_text(&folder.join(file), disk::MAX_DATA);
+        return text.map_err(|source| LoadError::Run {
             file: file.to_owned(),
             source,
         });
@@ -149,22 +161,27 @@ pub(super) fn run_text(folder: &Path, file: &str) -> Result<String, LoadError> {
     let mut runs = recording.runs.iter().filter(|r| !r.samples.is_empty());
     let run = number.checked_sub(1).and_then(|n| runs.nth(n));
     run.map(csv::to_csv)
-        .ok_or(LoadError::NoRun { path, run: number })
+        .ok_or_else(|| match recording.foreign_topics() {
+            Some(topics) => LoadError::Foreign { path, topics },
+            None => LoadError::NoRun { path, run: number },
+        })
 }
 
 /// A manifest for recordings that have none: every run with samples, by the gait it names.
-fn made_up(folder: &Path, files: &[PathBuf]) -> Result<String, LoadError> {
+fn made_up(folder: &Path, files: &[PathBuf], shown: &Path) -> Result<String, LoadError> {
     let mut text = String::from("format = 1\nrobot = \"metamodule\"\nname = \"recordings\"\n");
     if folder.join("model.toml").exists() {
         text.push_str("\n[metamodule]\nmodel = \"model.toml\"\n");
     }
     let quoted = |s: &str| toml::Value::String(s.to_owned()).to_string();
     let mut any = false;
+    let mut foreign = None;
     for path in files {
         let name = path
             .file_name()
             .map_or_else(String::new, |n| n.to_string_lossy().into());
         let recording = reader::read(path)?;
+        foreign = foreign.or_else(|| Some((path.clone(), recording.foreign_topics()?)));
         let runs = recording.runs.iter().filter(|r| !r.samples.is_empty());
         for (k, run) in runs.enumerate() {
             let gait = run.start.as_ref().map_or("unknown", |s| s.gait.as_str());
@@ -177,10 +194,12 @@ fn made_up(folder: &Path, files: &[PathBuf]) -> Result<String, LoadError> {
         }
     }
     if any {
-        Ok(text)
-    } else {
-        Err(LoadError::Nothing {
-            path: folder.to_owned(),
-        })
+        return Ok(text);
     }
+    Err(match foreign {
+        Some((path, topics)) => LoadError::Foreign { path, topics },
+        None => LoadError::Nothing {
+            path: shown.to_owned(),
+        },
+    })
 }

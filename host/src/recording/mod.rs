@@ -31,5 +31,5 @@ pub use writer::{Header, Recorder, RecorderError};
 pub const PROFILE: &str = "ros2";
 /// Name under which the run metadata stands.
 pub const RUN_METADATA: &str = "rb.run";
-/// Version of the topics, fields and metadata described in docs/recording.md.
+/// Version of the topics, fields and metadata described in docs/how-to/record.md.
 pub const FORMAT: u32 = 1;

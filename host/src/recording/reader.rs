@@ -10,9 +10,7 @@ use super::rows::{EventRow, RunEndRow, RunStart, SampleRow};
 use super::scan::{Damage, DamageKind, Sink, scan};
 use super::schema::{EVENTS, MOTORS};
 use super::{RUN_METADATA, decode};
-
-/// Largest file read into memory: over a day of samples at 100 Hz is 12 GB, an hour is 0.5 GB.
-const MAX_FILE: u64 = 1024 * 1024 * 1024;
+use crate::disk;
 
 /// A file stored in the recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -81,6 +79,25 @@ impl Recording {
         let attachment = self.attachments.iter().find(|a| a.name == name)?;
         core::str::from_utf8(&attachment.data).ok()
     }
+
+    /// The topics of a file that another program wrote; `None` for a recording of rb-host.
+    #[must_use]
+    pub fn foreign_topics(&self) -> Option<String> {
+        let ours = |c: &ChannelCount| c.topic == MOTORS.topic && c.schema == MOTORS.schema;
+        if self.channels.is_empty() || self.channels.iter().any(ours) {
+            return None;
+        }
+        let mut topics: Vec<&str> = self.channels.iter().map(|c| c.topic.as_str()).collect();
+        topics.sort_unstable();
+        Some(topics.join(", "))
+    }
+
+    /// Whether the robot was the emulated one in the process of rb-host.
+    #[must_use]
+    pub fn is_emulated(&self) -> bool {
+        let about = |key: &str| self.about.get(key).map(String::as_str);
+        about("emulated") == Some("true") || about("port").is_some_and(|p| p.starts_with("sim:"))
+    }
 }
 
 /// Why a recording cannot be read at all.
@@ -96,13 +113,11 @@ pub enum ReadError {
     },
     /// Larger than this reader takes.
     #[error(
-        "{path} has {bytes} bytes; this reader takes up to 1 GiB, cut the recording with the mcap tool first"
+        "{path} is larger than 1 GiB, the most that is read; cut the recording with the mcap tool first"
     )]
     TooLarge {
         /// The file.
         path: PathBuf,
-        /// Its size.
-        bytes: u64,
     },
     /// No MCAP file.
     #[error("{path} is not an MCAP recording (its first bytes differ)")]
@@ -121,14 +136,14 @@ pub fn read(path: &Path) -> Result<Recording, ReadError> {
         path: path.to_owned(),
         source,
     };
-    let bytes = std::fs::metadata(path).map_err(io)?.len();
-    if bytes > MAX_FILE {
-        return Err(ReadError::TooLarge {
-            path: path.to_owned(),
-            bytes,
-        });
-    }
-    let file = std::fs::read(path).map_err(io)?;
+    let file = match disk::read_regular(path, disk::MAX_DATA) {
+        Err(error) if error.kind() == io::ErrorKind::FileTooLarge => {
+            return Err(ReadError::TooLarge {
+                path: path.to_owned(),
+            });
+        }
+        other => other.map_err(io)?,
+    };
     let recording = parse(&file);
     match recording.damage.first() {
         Some(Damage {

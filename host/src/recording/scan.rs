@@ -36,6 +36,9 @@ pub enum DamageKind {
     /// A chunk whose checksum is wrong; its records are not used.
     #[error("a chunk has a wrong checksum; its records are not used")]
     ChunkChecksum,
+    /// A chunk in a compression that this reader does not have.
+    #[error("a chunk is compressed in another way than lz4 or zstd; its records are not used")]
+    Compression,
     /// A chunk that is larger than this reader accepts.
     #[error("a chunk is larger than 256 MiB; it is not read")]
     ChunkSize,
@@ -150,9 +153,17 @@ fn chunk(offset: u64, header: ChunkHeader, data: &[u8], sink: &mut impl Sink) {
         offset,
         kind: DamageKind::ChunkChecksum,
     };
-    let Ok(records) = mcap::read::ChunkReader::new(header, data) else {
-        sink.damage(damaged);
-        return;
+    let records = match mcap::read::ChunkReader::new(header, data) {
+        Ok(records) => records,
+        Err(mcap::McapError::UnsupportedCompression(_)) => {
+            let kind = DamageKind::Compression;
+            sink.damage(Damage { offset, kind });
+            return;
+        }
+        Err(_) => {
+            sink.damage(damaged);
+            return;
+        }
     };
     // The checksum is known at the end only, so records wait until then.
     let mut waiting = Vec::new();

@@ -15,6 +15,7 @@ use optimise::meta::FilmSettings;
 
 use super::beside::{Laid, LayError, Seen, alignment_json, lay};
 use super::{csv, reader};
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::searching::films;
 
@@ -45,18 +46,9 @@ impl SetFolder {
         if set.manifest_path().exists() {
             return Ok(set);
         }
-        // What an interrupted first recording leaves is ours.
-        let foreign =
-            |entry: &std::ffi::OsStr| ![MODEL, GAITS, RECORDINGS].iter().any(|own| entry == *own);
-        let mut entries = std::fs::read_dir(path).into_iter().flatten().flatten();
-        if let Some(entry) = entries.find(|entry| foreign(&entry.file_name())) {
-            let (path, entry) = (path.display(), entry.file_name());
-            let message = format!("{path} holds {} and no {MANIFEST}", entry.display());
-            return Err(Failure::say(Exit::Usage, message)
-                .hint("name a new folder, or one that holds a data set"));
-        }
-        std::fs::create_dir_all(path.join(GAITS))?;
-        std::fs::create_dir_all(path.join(RECORDINGS))?;
+        set.must_be_ours()?;
+        disk::make_folder(&path.join(GAITS))?;
+        disk::make_folder(&path.join(RECORDINGS))?;
         set.write(MODEL, model.as_bytes())?;
         let name = quoted(name);
         let manifest = format!(
@@ -65,6 +57,29 @@ impl SetFolder {
         // Without a run it is no data set yet, so it is kept aside until the first one is added.
         set.write(&format!("{RECORDINGS}/{MANIFEST}"), manifest.as_bytes())?;
         Ok(set)
+    }
+
+    /// A folder that was begun here may hold whatever a first recording leaves that was cut off at any instant.
+    fn must_be_ours(&self) -> Outcome {
+        if self.path.join(RECORDINGS).join(MANIFEST).exists() {
+            return Ok(());
+        }
+        let own = |name: &std::ffi::OsStr| {
+            let name = name.to_string_lossy();
+            let name = name.strip_suffix(".new").unwrap_or(&name);
+            [MODEL, GAITS, RECORDINGS].contains(&name)
+        };
+        let mut entries = std::fs::read_dir(&self.path)
+            .into_iter()
+            .flatten()
+            .flatten();
+        let Some(foreign) = entries.find(|entry| !own(&entry.file_name())) else {
+            return Ok(());
+        };
+        let (path, foreign) = (self.path.display(), foreign.file_name());
+        let message = format!("{path} holds {} and no {MANIFEST}", foreign.display());
+        Err(Failure::say(Exit::Usage, message)
+            .hint("name a new folder, or one that holds a data set"))
     }
 
     /// The folder.
@@ -85,7 +100,7 @@ impl SetFolder {
         } else {
             self.path.join(RECORDINGS).join(MANIFEST)
         };
-        std::fs::read_to_string(&path)
+        disk::read_regular_text(&path, disk::MAX_TEXT)
             .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())))
     }
 
@@ -121,7 +136,7 @@ impl SetFolder {
     /// Exit code 3 for a damaged `dataset.toml`.
     pub fn camera(&self) -> Outcome<FilmSettings> {
         // Before its first run the manifest lacks one.
-        let text = self.manifest_text()? + "\n[[run]]\nfile = \"\"\n";
+        let text = self.manifest_text()? + "\n[[run]]\nfile = \"-\"\n";
         let (manifest, _) =
             Manifest::parse(MANIFEST, &text).map_err(|e| Failure::new(Exit::BadFile, e))?;
         Ok(films::settings_of(manifest.camera.as_ref(), 1))
@@ -217,7 +232,11 @@ impl SetFolder {
         }
         if runs == 0 {
             // Without a run it is no data set: back to its beginning.
-            return Ok(std::fs::remove_file(self.manifest_path())?);
+            let path = self.manifest_path();
+            return std::fs::remove_file(&path).map_err(|error| {
+                let message = format!("cannot remove {}: {error}", path.display());
+                Failure::say(Exit::Other, message)
+            });
         }
         self.write(MANIFEST, kept.as_bytes())
     }
@@ -242,13 +261,11 @@ impl SetFolder {
             .map_or((&[][..], &[][..]), |laid| (&laid.base, &laid.imu));
         if let Some(laid) = laid.as_ref().filter(|laid| !laid.film.frames.is_empty()) {
             let folder = self.path.join(run);
-            if folder.exists() {
-                std::fs::remove_dir_all(&folder)?;
-            }
+            disk::remove_folder(&folder)?;
             laid.film.write(&folder)?;
             if let Some(alignment) = &laid.alignment {
                 let text = format!("{:#}\n", alignment_json(alignment));
-                std::fs::write(folder.join("sync.json"), text)?;
+                disk::write(&folder.join("sync.json"), text.as_bytes())?;
             }
         }
         let text = csv::to_csv_beside(data, base, imu);
@@ -258,10 +275,7 @@ impl SetFolder {
 
     /// Writes a file in one step.
     fn write(&self, name: &str, bytes: &[u8]) -> Outcome {
-        let path = self.path.join(name);
-        let fresh = path.with_extension("new");
-        std::fs::write(&fresh, bytes)?;
-        Ok(std::fs::rename(&fresh, &path)?)
+        disk::write(&self.path.join(name), bytes)
     }
 }
 

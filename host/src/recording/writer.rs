@@ -13,6 +13,7 @@ use mcap::{Attachment, WriteOptions, Writer};
 use super::rows::{EventRow, RunEndRow, RunStart, SampleRow};
 use super::schema::{CPG, EVENTS, JOINT_STATES, MOTORS, TOPICS, Topic};
 use super::{FORMAT, PROFILE, RUN_METADATA, decode};
+use crate::disk;
 
 /// Samples per chunk: one second at 20 Hz, which is what a power cut may lose.
 const SAMPLES_PER_CHUNK: u32 = 20;
@@ -28,6 +29,8 @@ pub struct Header {
     pub robot: String,
     /// Port URI.
     pub port: String,
+    /// Whether the robot is the emulated one in this process.
+    pub emulated: bool,
     /// Digest of the robot model in the firmware, hexadecimal.
     pub model_digest: String,
     /// Nanoseconds to add to the device clock to get recording time: 0 on virtual time, else the host clock's offset.
@@ -38,7 +41,7 @@ pub struct Header {
 #[derive(Debug, thiserror::Error)]
 pub enum RecorderError {
     /// The file exists.
-    #[error("{path} exists; name another file or give --force")]
+    #[error("{path} exists")]
     Exists {
         /// The file.
         path: PathBuf,
@@ -85,9 +88,26 @@ impl Seek for DiskFile {
     }
 }
 
+/// A file under another name until its run begins; removed when that never happens.
+#[derive(Debug)]
+struct Unborn(PathBuf);
+
+impl Drop for Unborn {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+impl Unborn {
+    fn rename(self, path: &Path) -> io::Result<()> {
+        std::fs::rename(&self.0, path)
+    }
+}
+
 /// A recording being written.
 pub struct Recorder {
     path: PathBuf,
+    unborn: Option<Unborn>,
     writer: Writer<DiskFile>,
     channels: [u16; TOPICS.len()],
     clock_offset_ns: i64,
@@ -104,30 +124,37 @@ impl core::fmt::Debug for Recorder {
 }
 
 impl Recorder {
-    /// Creates the file and writes header, schemas and channels.
+    /// Creates the file and writes header, schemas and channels. It gets its name when its run starts: a robot that refuses leaves
+    /// neither an empty recording nor a hole where an earlier one stood.
     ///
     /// # Errors
     /// [`RecorderError`]
     pub fn create(path: &Path, force: bool, header: &Header) -> Result<Self, RecorderError> {
+        if !force && path.symlink_metadata().is_ok() {
+            let path = path.to_owned();
+            return Err(RecorderError::Exists { path });
+        }
+        let fresh = (!disk::is_special(path)).then(|| disk::fresh(path));
         let mut options = OpenOptions::new();
         options.write(true).truncate(true).create(true);
-        if !force {
-            options.create_new(true);
-        }
-        let file = options.open(path).map_err(|source| {
-            let path = path.to_owned();
-            match source.kind() {
-                io::ErrorKind::AlreadyExists => RecorderError::Exists { path },
-                _ => RecorderError::Create { path, source },
-            }
-        })?;
-        Self::open(path, file, header).map_err(|source| RecorderError::Write {
+        let file = options
+            .open(fresh.as_deref().unwrap_or(path))
+            .map_err(|source| {
+                let path = path.to_owned();
+                RecorderError::Create { path, source }
+            })?;
+        let unborn = fresh.map(Unborn);
+        Self::open(path, (file, unborn), header).map_err(|source| RecorderError::Write {
             path: path.to_owned(),
             source,
         })
     }
 
-    fn open(path: &Path, file: File, header: &Header) -> mcap::McapResult<Self> {
+    fn open(
+        path: &Path,
+        (file, unborn): (File, Option<Unborn>),
+        header: &Header,
+    ) -> mcap::McapResult<Self> {
         // Chunks are appended whole: nothing already on the disk is changed later.
         let options = WriteOptions::new()
             .profile(PROFILE)
@@ -146,6 +173,7 @@ impl Recorder {
             ("firmware", header.firmware.clone()),
             ("robot", header.robot.clone()),
             ("port", header.port.clone()),
+            ("emulated", header.emulated.to_string()),
             ("model_digest", header.model_digest.clone()),
             ("clock_offset_ns", header.clock_offset_ns.to_string()),
         ];
@@ -153,6 +181,7 @@ impl Recorder {
         writer.flush()?;
         Ok(Self {
             path: path.to_owned(),
+            unborn,
             writer,
             channels,
             clock_offset_ns: header.clock_offset_ns,
@@ -200,6 +229,19 @@ impl Recorder {
         self.write(|w| {
             w.write_metadata(&metadata_record(&metadata))?;
             w.flush()
+        })?;
+        self.take_name()
+    }
+
+    /// From here on the file stands under its own name.
+    fn take_name(&mut self) -> Result<(), RecorderError> {
+        let Some(unborn) = self.unborn.take() else {
+            return Ok(());
+        };
+        let path = &self.path;
+        unborn.rename(path).map_err(|source| RecorderError::Create {
+            path: path.clone(),
+            source,
         })
     }
 
@@ -290,6 +332,7 @@ impl Recorder {
     /// [`RecorderError::Write`]
     pub fn finish(mut self) -> Result<(), RecorderError> {
         self.write(|w| w.finish().map(drop))?;
+        self.take_name()?;
         let Self { path, writer, .. } = self;
         writer
             .into_inner()

@@ -8,6 +8,8 @@ const LEFT: f64 = 70.0;
 const RIGHT: f64 = 20.0;
 const TOP: f64 = 44.0;
 const BOTTOM: f64 = 50.0;
+/// Height of a line of text.
+const LINE: f64 = 15.0;
 
 /// Draws `values` (one per iteration, iteration 0 first) as SVG.
 #[must_use]
@@ -39,7 +41,7 @@ fn draw(title: &str, unit: &str, curves: &[(&str, &str, &[f64])]) -> String {
     let _ = write!(
         out,
         r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{title}">
-<style>text{{font:13px system-ui,sans-serif;fill:#333}}.t{{font-size:15px;font-weight:600}}.g{{stroke:#ddd}}.c,.m{{fill:none;stroke:#3b6fd4;stroke-width:2}}.m{{stroke:#999}}</style>
+<style>text{{font:13px system-ui,sans-serif;fill:#333}}.t{{font-size:15px;font-weight:600}}.g{{stroke:#ddd}}.c,.m{{fill:none;stroke:#3b6fd4;stroke-width:2}}.m{{stroke:#999}}text.name{{fill:#333;stroke:none}}</style>
 <rect width="{WIDTH}" height="{HEIGHT}" fill="#fff"/>
 <text class="t" x="{LEFT}" y="24">{title}</text>
 "##
@@ -56,8 +58,9 @@ fn draw(title: &str, unit: &str, curves: &[(&str, &str, &[f64])]) -> String {
         );
         level += step;
     }
-    for k in 0..=4 {
-        let i = (count * k / 4) as f64;
+    let (stride, _) = round_step((count as f64 / 5.0).max(1.0));
+    for k in 0..=(count as f64 / stride) as usize {
+        let i = k as f64 * stride;
         let _ = writeln!(
             out,
             r#"<text x="{:.1}" y="{}" text-anchor="middle">{i}</text>"#,
@@ -73,7 +76,21 @@ fn draw(title: &str, unit: &str, curves: &[(&str, &str, &[f64])]) -> String {
         HEIGHT / 2.0,
         HEIGHT / 2.0
     );
-    for (style, name, values) in curves {
+    let mut named_y = Vec::new();
+    for (style, name, values) in curves.iter().rev() {
+        if let Some(&last) = values.last().filter(|_| !name.is_empty()) {
+            let at = y(last) - 6.0;
+            // The names go from the top curve down, each a line below the one above it.
+            let free = named_y.last().map_or(at, |above| at.max(above + LINE));
+            named_y.push(free);
+            let _ = writeln!(
+                out,
+                r#"<text class="name {style}" x="{:.1}" y="{free:.1}" text-anchor="end">{name}</text>"#,
+                WIDTH - RIGHT,
+            );
+        }
+    }
+    for (style, _, values) in curves {
         let points: Vec<String> = values
             .iter()
             .enumerate()
@@ -84,14 +101,6 @@ fn draw(title: &str, unit: &str, curves: &[(&str, &str, &[f64])]) -> String {
             r#"<polyline class="{style}" points="{}"/>"#,
             points.join(" ")
         );
-        if let Some(&last) = values.last().filter(|_| !name.is_empty()) {
-            let _ = writeln!(
-                out,
-                r#"<text x="{:.1}" y="{:.1}" text-anchor="end">{name}</text>"#,
-                WIDTH - RIGHT,
-                y(last) - 6.0
-            );
-        }
     }
     out.push_str("</svg>\n");
     out
@@ -129,9 +138,20 @@ mod tests {
             .unwrap();
         assert_eq!(points.split(' ').count(), 4);
         assert!(drawn.contains(">0.02<") && drawn.contains(">0.06<"));
+        // Ten iterations: 0 2 4 6 8, not 0 2 4 6 9.
+        let ten = svg("Ten", "m/s", &[0.1; 10]);
+        assert!(ten.contains(">8<") && !ten.contains(">9<"), "{ten}");
         assert!(svg("Nothing", "m/s", &[]).contains("</svg>"));
         let both = svg_best_and_mean("R", "F_meta", &[0.3, 0.4], &[0.1, 0.2]);
         assert_eq!(both.matches("<polyline").count(), 2);
         assert!(both.contains(">best<") && both.contains(">mean<"));
+        // Names of curves that end together stand below each other.
+        let near = svg_best_and_mean("R", "F_meta", &[0.3, 0.4], &[0.1, 0.399]);
+        let name_y = |svg: &str, name: &str| -> f64 {
+            let text = svg.split(&format!(">{name}<")).next().unwrap();
+            let y = text.rsplit(" y=\"").next().unwrap();
+            y.split('"').next().unwrap().parse().unwrap()
+        };
+        assert!(name_y(&near, "mean") - name_y(&near, "best") >= 14.0);
     }
 }

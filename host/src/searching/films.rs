@@ -10,6 +10,7 @@ use files::model::Key;
 use optimise::meta::{FilmSettings, FilmedGait};
 use optimise::simulated::base_pose;
 
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::searching::frames::Frames;
 
@@ -147,7 +148,7 @@ fn load_gait(
 pub fn read_manifest(folder: &Path) -> Outcome<Manifest> {
     let path = folder.join("dataset.toml");
     let shown = path.display().to_string();
-    let text = std::fs::read_to_string(&path)
+    let text = disk::read_regular_text(&path, disk::MAX_TEXT)
         .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
     let (manifest, _) =
         Manifest::parse(&shown, &text).map_err(|error| Failure::new(Exit::BadFile, error))?;
@@ -159,7 +160,13 @@ pub fn read_manifest(folder: &Path) -> Outcome<Manifest> {
 /// # Errors
 /// Exit code 3 with file and line.
 pub fn read_gait(folder: &Path, name: &str) -> Outcome<Gait> {
-    crate::gait_file::load(&folder.join("gaits").join(format!("{name}.toml")))
+    let file = format!("gaits/{name}.toml");
+    if !files::dataset::is_inside(&file) {
+        let message =
+            format!("gait `{name}` of dataset.toml: the name leads out of the data set folder");
+        return Err(Failure::say(Exit::BadFile, message));
+    }
+    crate::gait_file::load(&folder.join(file))
 }
 
 /// Body 3 at the start of the gait, by the first row of the run that has a base pose; `None` when it was not measured.
@@ -169,7 +176,7 @@ pub fn read_gait(folder: &Path, name: &str) -> Outcome<Gait> {
 pub fn start(folder: &Path, manifest: &Manifest, run: &Run) -> Outcome<Option<Pose>> {
     let path = folder.join(&run.file);
     let shown = path.display().to_string();
-    let text = std::fs::read_to_string(&path)
+    let text = disk::read_regular_text(&path, disk::MAX_DATA)
         .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
     let (recording, _) =
         Recording::parse(&shown, &text, manifest).map_err(|e| Failure::new(Exit::BadFile, e))?;

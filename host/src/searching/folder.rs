@@ -5,10 +5,20 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 
 /// Name of the checkpoint inside the folder.
 const CHECKPOINT: &str = "checkpoint.json";
+
+/// What a search writes before its first checkpoint: a cut-off search leaves it.
+const OWN: [&str; 5] = [
+    CHECKPOINT,
+    "optimise.toml",
+    "model.toml",
+    "robot.toml",
+    "start.toml",
+];
 
 /// The folder of one search.
 #[derive(Debug, Clone)]
@@ -37,7 +47,17 @@ impl Folder {
             return Err(Failure::say(Exit::Usage, message)
                 .hint("leave --resume away to start a search there"));
         }
-        std::fs::create_dir_all(path)?;
+        let mut entries = std::fs::read_dir(path).into_iter().flatten().flatten();
+        let foreign =
+            |name: &str| !there && !OWN.contains(&name.strip_suffix(".new").unwrap_or(name));
+        if let Some(entry) = entries.find(|e| foreign(&e.file_name().to_string_lossy())) {
+            let message = format!(
+                "{shown} holds {} and no search",
+                entry.file_name().display()
+            );
+            return Err(Failure::say(Exit::Usage, message).hint("choose a new or an empty folder"));
+        }
+        disk::make_folder(path)?;
         Ok(folder)
     }
 
@@ -62,11 +82,9 @@ impl Folder {
     pub fn write(&self, name: &str, bytes: &[u8]) -> Outcome {
         let path = self.path.join(name);
         if let Some(parent) = path.parent() {
-            std::fs::create_dir_all(parent)?;
+            disk::make_folder(parent)?;
         }
-        let fresh = path.with_extension("new");
-        std::fs::write(&fresh, bytes)?;
-        Ok(std::fs::rename(&fresh, &path)?)
+        disk::write(&path, bytes)
     }
 
     /// Stores the state of the search.
@@ -84,7 +102,7 @@ impl Folder {
     /// Exit code 3 when the checkpoint is damaged or of another version.
     pub fn restore<T: DeserializeOwned>(&self) -> Outcome<T> {
         let path = self.path.join(CHECKPOINT);
-        let text = std::fs::read(&path)?;
+        let text = std::fs::read(&path).map_err(|e| disk::bad_file(&path, &e))?;
         serde_json::from_slice(&text).map_err(|error| {
             Failure::say(Exit::BadFile, format!("{}: {error}", path.display()))
                 .hint("the checkpoint is damaged or of another version; start the search again in a new folder")

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use camera::{Silhouette, picture};
 use rayon::prelude::*;
 
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 
 /// Name of the list inside the folder.
@@ -48,7 +49,7 @@ impl Frames {
     /// # Errors
     /// Exit code 2 when the folder holds something; 1 when the disk refuses.
     pub fn write(&self, folder: &Path) -> Outcome {
-        make_empty(folder)?;
+        disk::make_empty(folder)?;
         self.write_into(folder)
     }
 
@@ -57,15 +58,15 @@ impl Frames {
     /// # Errors
     /// Exit code 1 when the disk refuses.
     pub fn write_into(&self, folder: &Path) -> Outcome {
-        std::fs::create_dir_all(folder)?;
+        disk::make_folder(folder)?;
         let mut text = format!("{HEADER}\n");
         for (k, (t_s, frame)) in self.t_s.iter().zip(&self.frames).enumerate() {
             let file = format!("{k:05}.png");
             let png = picture::silhouette_png(frame).map_err(|e| Failure::new(Exit::Other, e))?;
-            std::fs::write(folder.join(&file), png)?;
+            disk::write_part(&folder.join(&file), &png)?;
             let _ = writeln!(text, "{t_s:.6},{file}");
         }
-        Ok(std::fs::write(folder.join(INDEX), text)?)
+        disk::write(&folder.join(INDEX), text.as_bytes())
     }
 
     /// The frame nearest in time to each instant 0, 1/rate, 2/rate, ... up to the last frame: lost frames are bridged, uneven ones
@@ -98,25 +99,13 @@ fn nearest(t_s: &[f64], rate_hz: f64) -> Vec<usize> {
     (0..count).map(at).collect()
 }
 
-/// Makes a folder to write frames into.
-///
-/// # Errors
-/// Exit code 2 when it holds something; 1 when the disk refuses.
-pub fn make_empty(folder: &Path) -> Outcome {
-    if std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
-        let message = format!("{} exists and is not empty", folder.display());
-        return Err(Failure::say(Exit::Usage, message).hint("name another folder"));
-    }
-    Ok(std::fs::create_dir_all(folder)?)
-}
-
 /// Lines of a folder's index as (line number, time, file name).
 ///
 /// # Errors
 /// Exit code 3 with file and line.
 pub fn index(folder: &Path) -> Outcome<Vec<(usize, f64, String)>> {
     let path = folder.join(INDEX);
-    let text = std::fs::read_to_string(&path)
+    let text = disk::read_regular_text(&path, disk::MAX_TEXT)
         .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())).hint(
             "a film is a folder of PNG silhouettes with an index.csv; `rb-host camera import` and `silhouette` make one",
         ))?;
@@ -139,6 +128,9 @@ pub fn index(folder: &Path) -> Outcome<Vec<(usize, f64, String)>> {
         if !(t_s.is_finite() && t_s > before) {
             return Err(bad("times must rise from line to line"));
         }
+        if !files::dataset::is_inside(file.trim()) {
+            return Err(bad("the picture must lie in the folder of the film"));
+        }
         listed.push((line, t_s, file.trim().to_owned()));
     }
     if listed.is_empty() {
@@ -149,7 +141,7 @@ pub fn index(folder: &Path) -> Outcome<Vec<(usize, f64, String)>> {
 
 fn read_png(folder: &Path, line: usize, file: &str) -> Outcome<Silhouette> {
     let path: PathBuf = folder.join(file);
-    let bytes = std::fs::read(&path)
+    let bytes = disk::read_regular(&path, disk::MAX_TEXT)
         .map_err(|e| bad_line(&folder.join(INDEX), line, &format!("{file}: {e}")))?;
     picture::read_silhouette_png(&bytes)
         .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())))

@@ -227,7 +227,7 @@ fn service_commands_over_tcp() {
     on(&["download", "-o", "back.toml"]).expect(0);
     rb(&folder, &["gait", "diff", "back.toml", &gait("turn.toml")]).expect(0);
     rb(&folder, &["gait", "diff", "back.toml", &gait("crawl.toml")]).expect(8);
-    on(&["download", "-o", "back.toml"]).expect(1);
+    on(&["download", "-o", "back.toml"]).expect(2);
     on(&["slots", "erase", "3"]).expect(7);
     on(&["slots", "activate", "5"]).expect(7);
     assert!(on(&["slots"]).expect(0).out.contains("* 3  turn"));
@@ -266,8 +266,11 @@ fn keys_guard_orders(folder: &Folder, uri: &str) {
     let stranger = Folder::new("stranger");
     let done = rb(&stranger, &["-p", uri, "upload", &gait("roll.toml")]).expect(7);
     assert!(done.err.contains("key"), "{}", done.err);
-    // STOP needs no key.
-    rb(&stranger, &["-p", uri, "stop"]).expect(0);
+    // STOP needs no key; with it the robot proves that it was the one that stopped.
+    let done = rb(&stranger, &["-p", uri, "stop"]).expect(0);
+    assert!(done.out.contains("not authenticated"), "{}", done.out);
+    let done = rb(folder, &["-p", uri, "stop", "--json"]).expect(0).json();
+    assert_eq!(done["proved"], true, "{done}");
 }
 
 #[cfg(unix)]

@@ -100,6 +100,7 @@ fn a_run_survives_a_stalled_and_a_broken_link_and_is_recorded_whole() {
             &gait("crawl.toml"),
             "-d",
             "10s",
+            "--autonomous",
             "-r",
             "run.mcap",
             "--json",

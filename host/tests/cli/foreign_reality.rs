@@ -107,7 +107,7 @@ fn joints_of_another_engine_are_diagnosed() {
     }
 }
 
-/// Joints drawn at random, made and counted by the commands that docs/diagnosis.md gives.
+/// Joints drawn at random, made and counted by the commands that docs/how-to/diagnose-a-joint.md gives.
 #[test]
 fn drawn_joints_of_another_engine_are_diagnosed_and_counted() {
     let test = "drawn_joints_of_another_engine_are_diagnosed_and_counted";

@@ -1,6 +1,6 @@
-//! Data for a diagnosis: collected on the emulated robot, made with a known cause, grafted; and recordings read as data sets.
+//! Data for a diagnosis: collected on the emulated robot, made with a known cause, and recordings read as data sets.
 
-use crate::rig::{Folder, gait, rb};
+use crate::rig::{Folder, gait, rb, trials};
 
 #[test]
 fn collect_tells_the_time_records_and_goes_on_where_it_stopped() {
@@ -53,58 +53,22 @@ fn collect_tells_the_time_records_and_goes_on_where_it_stopped() {
 #[test]
 fn a_case_by_name_is_a_data_set_with_its_label() {
     let folder = Folder::new("case");
-    let args = [
-        "--json",
-        "gap",
-        "blind",
-        "--make-case",
-        "coulomb_friction@2:0.5",
-        "--gaits",
-        "1",
-        "-o",
-        "case",
-    ];
-    let label = rb(&folder, &args).expect(0).json();
-    assert_eq!(label["planted"][0]["joint"].as_u64(), Some(2));
-    assert_eq!(
-        label["planted"][0]["parameters"]["torque_nm"].as_f64(),
-        Some(0.5)
-    );
+    let cause = "coulomb_friction@2:0.5";
+    trials(
+        &folder,
+        &["make-case", cause, "--gaits", "1", "-o", "./case"],
+    )
+    .expect("a case");
+    let label = std::fs::read_to_string(folder.path("case/label.json")).unwrap();
+    let label: serde_json::Value = serde_json::from_str(&label).unwrap();
+    let planted = &label["causes"][0];
+    assert_eq!(planted["joints"], serde_json::json!([2]));
+    assert_eq!(planted["values"]["torque_nm"]["value"].as_f64(), Some(0.5));
     let checked = rb(&folder, &["--json", "rec", "check", "case"])
         .expect(0)
         .json();
     assert_eq!(checked["runs"].as_u64(), Some(3));
-    let refused = rb(
-        &folder,
-        &[
-            "gap",
-            "blind",
-            "--make-case",
-            "coulomb_friction:0.5",
-            "-o",
-            "x",
-        ],
-    );
-    assert_eq!(refused.code, 2);
-    assert!(refused.err.contains("effect@JOINT"), "{}", refused.err);
-    let refused = rb(
-        &folder,
-        &["gap", "blind", "--make-case", "warp@1", "-o", "x"],
-    );
-    assert!(
-        refused.code == 2 && refused.err.contains("no effect `warp`"),
-        "{}",
-        refused.err
-    );
-}
-
-#[test]
-fn grafts_without_recordings_are_skipped_loudly() {
-    let folder = Folder::new("graft");
-    let done = rb(&folder, &["gap", "graft", "nowhere", "-o", "out"]).expect(0);
-    assert!(
-        done.err.contains("SKIPPED: no data set at nowhere"),
-        "{}",
-        done.err
-    );
+    let refused = |cause: &str| trials(&folder, &["make-case", cause, "-o", "./x"]).unwrap_err();
+    assert!(refused("coulomb_friction:0.5").contains("effect@JOINT"));
+    assert!(refused("warp@1").contains("no effect `warp`"));
 }

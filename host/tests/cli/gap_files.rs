@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::bench::Joint;
 use crate::browser;
-use crate::rig::{Folder, rb};
+use crate::rig::{Folder, rb, trials};
 
 /// A CSV file by columns; empty cells are NaN.
 struct Columns {
@@ -81,11 +81,20 @@ fn strip(folder: &Folder, file: &str, response: impl Fn(&str) -> bool) {
 
 /// Diagnoses `data` into `out.html`, `patch.toml` and the file of the next experiment, and predicts it into `p`.
 fn diagnosed(folder: &Folder, data: &str) -> serde_json::Value {
-    let files = ["-o", "out.html", "--patch", "patch.toml"];
+    let files = ["-o", "out.html", "--patch", "patch.toml", "--force"];
     let report = [&["--json", "gap", "report", data], &files[..]].concat();
     let verdict = rb(folder, &report).expect(0).json();
     browser::assert_readable(&folder.path("out.html"));
-    let predict = ["gap", "predict", data, "--model", "patch.toml", "-o", "p"];
+    let predict = [
+        "gap",
+        "predict",
+        data,
+        "--patch",
+        "patch.toml",
+        "-o",
+        "p",
+        "--force",
+    ];
     rb(folder, &predict).expect(0);
     verdict
 }
@@ -146,8 +155,8 @@ fn a_joint_gets_a_page_a_motion_and_predictions_that_hold_the_error() {
 fn a_robot_gets_a_page_a_gait_and_predictions() {
     let folder = Folder::new("files_robot");
     let cause = "torque_limit@2:0.8";
-    let made = ["gap", "blind", "--make-case", cause, "--gaits", "3"];
-    rb(&folder, &[&made[..], &["-o", "case"]].concat()).expect(0);
+    let made = ["make-case", cause, "--gaits", "3", "-o", "./case"];
+    trials(&folder, &made).expect("a case");
     let manifest = fs::read_to_string(folder.path("case/dataset.toml")).unwrap();
     let runs: Vec<&str> = manifest
         .lines()

@@ -1,22 +1,20 @@
 //! A robot that nothing but an overhead camera has seen: the paper's laboratory.
 
-use crate::rig::{Folder, rb};
+use crate::rig::{Folder, rb, trials};
 
 /// Effects named in the data set `name`, with the sum of their parameters.
 fn named(folder: &Folder, causes: &str) -> (String, Vec<(String, f64)>) {
     let make = [
-        "gap",
-        "blind",
-        "--make-case",
+        "make-case",
         causes,
         "--filmed",
         "--untracked",
         "--gaits",
         "6",
         "-o",
-        "case",
+        "./case",
     ];
-    rb(folder, &make).expect(0);
+    trials(folder, &make).expect("a case");
     let done = rb(folder, &["--json", "gap", "report", "case"]).expect(0);
     let verdict = done.json();
     assert!(

@@ -3,12 +3,12 @@
 
 use std::fs;
 
-use crate::rig::{Folder, rb};
+use crate::rig::{Folder, rb, trials};
 
 /// A case with `cause`, made with `more`, and the verdict on it with its next gait in `out.next.toml`.
 fn diagnosed(folder: &Folder, cause: &str, more: &[&str]) -> serde_json::Value {
-    let make = ["gap", "blind", "--make-case", cause, "--gaits", "6"];
-    rb(folder, &[&make[..], more, &["-o", "case"]].concat()).expect(0);
+    let make = ["make-case", cause, "--gaits", "6", "-o", "./case"];
+    trials(folder, &[&make[..], more].concat()).expect("a case");
     let report = ["--json", "gap", "report", "case", "-o", "out.html"];
     let verdict = rb(folder, &report).expect(0).json();
     let next = &verdict["next_experiment"];
@@ -70,12 +70,8 @@ fn the_next_gait_tells_a_slippery_ground_from_a_light_robot() {
     let promised = numbers(behind(text, "scatter by ").split_once('(').expect("it").1)[0];
     let recorded = numbers(behind(text, "standard deviations; "))[0];
     assert!(promised > recorded && promised > 2.5, "{text}");
-    let gait = ["--gait", "out.next.toml", "-o", "again"];
-    rb(
-        &folder,
-        &[&["gap", "blind", "--make-case", cause], &gait[..]].concat(),
-    )
-    .expect(0);
+    let gait = ["--gait", "./out.next.toml", "-o", "./again"];
+    trials(&folder, &[&["make-case", cause], &gait[..]].concat()).expect("a case");
     let runs = fs::read_dir(folder.path("again")).expect("a folder");
     let paths = runs.map(|f| f.expect("a file").path());
     let csv = paths.filter(|p| p.extension().is_some_and(|e| e == "csv"));

@@ -1,6 +1,6 @@
 //! `gap report` on emulated robots of which neither echo nor torque was recorded: what holds a joint back is a limit where whole runs bear it out.
 
-use crate::rig::{Folder, rb};
+use crate::rig::{Folder, rb, trials};
 
 /// Everything but set-points, angles and base pose.
 const LACKING: &str = "echo,velocity,current,duty,bus,temperature,inertial";
@@ -12,9 +12,9 @@ fn set_points_that_are_lost_are_no_limit_where_whole_runs_refute_it() {
         ("torque_limit@3:0.5", "parametric", "electrical"),
     ] {
         let folder = Folder::new(&format!("without_{}", &cause[..6]));
-        let made = ["gap", "blind", "--make-case", cause, "--gaits", "3"];
-        let lacking = ["--without", LACKING, "--seed", "5", "-o", "case"];
-        rb(&folder, &[&made[..], &lacking].concat()).expect(0);
+        let made = ["make-case", cause, "--gaits", "3"];
+        let lacking = ["--without", LACKING, "--seed", "5", "-o", "./case"];
+        trials(&folder, &[&made[..], &lacking].concat()).expect("a case");
         let v = rb(&folder, &["--json", "gap", "report", "case"])
             .expect(0)
             .json();

@@ -7,7 +7,7 @@ use std::process::{Command, Stdio};
 use crate::rig::{Emulator, Folder, command, rb};
 
 /// Seconds where the paper takes hours.
-const TINY: &str = r#"
+pub(crate) const TINY: &str = r#"
 format = 1
 repeats = 2
 [search]
@@ -37,7 +37,7 @@ const TIMED: [&str; 5] = [
 ];
 
 /// Every file below a folder, by its path in it.
-fn tree(root: &Path) -> BTreeMap<String, Vec<u8>> {
+pub(crate) fn tree(root: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut files = BTreeMap::new();
     let mut folders = vec![root.to_owned()];
     while let Some(folder) = folders.pop() {
@@ -56,9 +56,15 @@ fn tree(root: &Path) -> BTreeMap<String, Vec<u8>> {
 }
 
 fn hybrid(folder: &Folder, extra: &[&str]) -> crate::rig::Done {
+    // Unattended, the emulated robot must be named.
+    let robot: &[&str] = if extra.contains(&"-p") {
+        &[]
+    } else {
+        &["-p", "sim:"]
+    };
     rb(
         folder,
-        &[&["hybrid", "-o", "hyb", "-j", "1"], extra].concat(),
+        &[robot, &["hybrid", "-o", "hyb", "-j", "1"], extra].concat(),
     )
 }
 

@@ -35,7 +35,8 @@ fn a_model_is_shown_with_source_and_effects() {
         assert!(shown.contains(part), "{part}: {shown}");
     }
     let value = rb(&folder, &["model", "show", "--json"]).expect(0).json();
-    assert_eq!(value["values"].as_array().unwrap().len(), 30);
+    let count = files::model::Key::COUNT;
+    assert_eq!(value["values"].as_array().unwrap().len(), count);
     assert_eq!(value["values"][2]["value"], 1.0);
     assert!(value["effects"].as_array().unwrap().is_empty());
 }

@@ -143,7 +143,7 @@ fn an_existing_recording_is_not_overwritten() {
             "o.mcap",
         ],
     )
-    .expect(1);
+    .expect(2);
     assert!(done.err.contains("--force"), "{}", done.err);
     assert_eq!(std::fs::read(folder.path("o.mcap")).unwrap(), b"precious");
 }

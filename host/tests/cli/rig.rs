@@ -161,3 +161,15 @@ impl Drop for Emulator {
         let _ = self.child.wait();
     }
 }
+
+/// Runs `rb-trials` with these arguments in this process; those that begin with `./` are files of the folder.
+pub(crate) fn trials(folder: &Folder, args: &[&str]) -> Result<(), String> {
+    let own = |a: &&str| match a.strip_prefix("./") {
+        Some(name) => folder.path(name).to_string_lossy().into_owned(),
+        None => (*a).to_owned(),
+    };
+    let line = std::iter::once("rb-trials".to_owned()).chain(args.iter().map(own));
+    let cli = <trials::cli::Cli as clap::Parser>::try_parse_from(line);
+    let cli = cli.map_err(|e| e.to_string())?;
+    trials::cli::run(&cli).map_err(|e| format!("{e:#}"))
+}

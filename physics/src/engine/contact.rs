@@ -1,7 +1,7 @@
 //! Contacts with the ground plane z = 0.
 //!
 //! Of a cube the half that faces down supports it: by its ball's lowest point, or, when the vertical passes through a face, by the
-//! face's disc: its lowest rim point and the two points 120 degrees on, so that a cube that lies flat has three.
+//! face's disc. Of a disc it is the lowest rim point and the two points 120 degrees on, so that a cube that lies flat has three.
 
 use super::params::LaneParams;
 use super::state::{Slot, State, Work};

@@ -4,8 +4,12 @@ use super::Command;
 use super::params::{LaneParams, Switches};
 use super::state::{State, Work};
 use super::tree::Tree;
-use crate::lane::{Lane, Mask};
+use crate::lane::{Lane, Lanes, Mask};
+use crate::laws;
 use crate::linear::{Rot, Sym, V3};
+
+/// Speed below which a joint is at rest, rad/s: the last bits of a joint that friction holds.
+const REST_RAD_S: f64 = 1e-4;
 
 /// Rotations, origins and hinge axes in world axes, origins relative to the base's.
 #[inline(always)]
@@ -222,7 +226,7 @@ pub(super) fn servo<L: Lane>(
         let j = &p.joint[b];
         let mut error = command.set_point[b] - s.encoder[b];
         if switches.deadband {
-            error = zero.or_else(error.abs().lt(j.deadband), error);
+            error = laws::dead_zone::<Lanes<L>>(error, j.deadband);
         }
         let servo = (j.gain * error).clamp(-j.max_speed, j.max_speed);
         // CFM of the motor row, with the torque of the step before: J v = wanted - CFM * force (ODE manual).
@@ -247,11 +251,12 @@ pub(super) fn servo<L: Lane>(
         w.bias[b] -= passive * p.h;
         w.friction[b] = zero;
         if switches.rub {
-            let r = target * j.stribeck_inv;
-            let mut rub =
-                j.coulomb + j.stribeck / (L::one() + r * r) + j.load_fraction * s.torque[b].abs();
-            rub +=
-                j.asymmetry.or_else(target.gt(zero), -j.asymmetry) + j.asymmetry_viscous * target;
+            // At rest the wanted speed says which way friction will act.
+            let rest = s.speed[b].abs().lt(L::splat(REST_RAD_S));
+            let v = target.or_else(rest, s.speed[b]);
+            let stick = laws::stribeck::<Lanes<L>>(j.stribeck, v * j.stribeck_inv);
+            let mut rub = j.coulomb + stick + j.load_fraction * s.torque[b].abs();
+            rub += j.asymmetry.or_else(v.gt(zero), -j.asymmetry) + j.asymmetry_viscous * v;
             w.friction[b] = rub.max(zero) * p.h;
         }
         if switches.transmission {

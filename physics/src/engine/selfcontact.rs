@@ -1,7 +1,7 @@
 //! Pairs of cubes that may meet: clearance along the best of thirteen separating axes, and contact rows when they touch.
 //!
 //! The axes are the line of centres and the six faces of each cube. Along the line of centres the bound is exact for ball on ball, along a
-//! face for a disc on a ball or disc; for rim on rim it is smaller than the true distance, so a contact comes early, never late. The
+//! face for a disc on a ball or disc. For rim on rim it is smaller than the true distance, so a contact comes early, never late. The
 //! contact is frictionless: a trial in which it happens has already failed.
 
 use super::state::Work;

@@ -14,6 +14,7 @@ mod x86;
 #[cfg(target_arch = "x86_64")]
 pub(crate) use x86::{F32x4, F32x8, F32x16};
 
+use crate::laws::Arithmetic;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 /// A truth value per lane.
@@ -77,6 +78,25 @@ pub(crate) trait Lane:
     #[inline(always)]
     fn never() -> Self::Mask {
         Self::zero().lt(Self::zero())
+    }
+}
+
+/// Lanes as the numbers of a shared law.
+pub(crate) struct Lanes<L>(std::marker::PhantomData<L>);
+
+impl<L: Lane> Arithmetic for Lanes<L> {
+    type Number = L;
+    #[inline(always)]
+    fn number(value: f64) -> L {
+        L::splat(value)
+    }
+    #[inline(always)]
+    fn least(a: L, b: L) -> L {
+        a.min(b)
+    }
+    #[inline(always)]
+    fn most(a: L, b: L) -> L {
+        a.max(b)
     }
 }
 

@@ -3,9 +3,9 @@
 //! Each number is predicted; the difference is coded as zigzag, then Golomb-Rice with a parameter that follows the last differences of that number
 //! (Rice 1979; adaptation as in lossless audio codecs). A number that does not change costs one bit, a noisy one about log2 of its noise plus two. Whether a set-point changed is a bit of its own.
 //!
-//! Predictors: position moves as last time, or as the measured velocities say plus what it moved more than that last time, whichever was nearer of late; set-points, which are smooth, by the
-//! polynomial through their last four values; the tick by the module's clock; the applied set-point keeps its distance to the set-point; everything else
-//! stays. In the first sample of a block each motor is coded against the one before it, its position against its set-point.
+//! Predictors: position moves as last time, or as the measured velocities say plus what it moved more than that last time, whichever was
+//! nearer of late. Set-points, which are smooth, follow the polynomial through their last four values, the tick the module's clock. The
+//! applied set-point keeps its distance to the set-point; everything else stays. In the first sample of a block each motor is coded against the one before it, its position against its set-point.
 
 use super::JOINTS;
 use super::telemetry::{MotorSample, Sample};

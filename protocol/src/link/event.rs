@@ -117,7 +117,7 @@ pub enum EventKind {
         /// Length of the cycle, us.
         cycle_us: u32,
     },
-    /// The host fell silent in Run; the run goes on to the end of its lease.
+    /// The host of an autonomous run fell silent; the run goes on to its end.
     LinkSilent,
     /// The host is back.
     LinkBack,
@@ -147,6 +147,39 @@ pub enum EventKind {
         /// True = STOP input.
         input: bool,
     },
+    /// The event before this one of the same kind came again.
+    Repeated {
+        /// Times, since that event or the last note of this kind.
+        count: u32,
+        /// Number of that event.
+        first: u32,
+    },
+    /// The run goes over to another gait.
+    GaitChanged {
+        /// Slot.
+        slot: u8,
+        /// Fingerprint.
+        digest: Digest,
+    },
+    /// The receiver of a port reported an error.
+    PortError {
+        /// 0 = first host link, 1 = second host link, 2 = motor bus.
+        port: u8,
+        /// What.
+        fault: PortFault,
+    },
+}
+
+/// What a receiver can report.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum PortFault {
+    /// Bytes were lost.
+    Overrun,
+    /// Framing, parity or noise error.
+    Noise,
+    /// The other side is gone.
+    Closed,
 }
 
 /// The end of a run.
@@ -172,7 +205,7 @@ pub struct RunEnd {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum EndReason {
-    /// The lease was used up.
+    /// It had its length.
     Completed,
     /// STOP by message.
     Stopped,
@@ -184,4 +217,6 @@ pub enum EndReason {
     ArmTimeout,
     /// A fault.
     Fault(Fault),
+    /// A tethered run heard no heartbeat for the length of its lease.
+    HostLost,
 }

@@ -6,7 +6,8 @@ use cobs::{CobsEncoder, DecodeResult, DecoderState};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::auth::{Key, Nonce, TAG_LEN};
+use super::auth::{Key, Nonce, TAG_LEN, Tag};
+use super::message::{FromModule, ToModule};
 use crate::crc::crc32c;
 
 /// Protocol version of this crate. Not the release version: it changes when bytes change their meaning.
@@ -335,15 +336,40 @@ pub fn encode<M: Message>(
     envelope(header, used, out)
 }
 
-/// As [`encode`], with the message's last field, its tag, replaced by the tag for this key and nonce.
+/// As [`encode`], with the order's last field, its tag, replaced by the tag for this key and nonce.
 ///
 /// # Errors
 /// [`EncodeError::NotSignable`] when the message is shorter than a tag, else as [`encode`].
-pub fn encode_signed<M: Message>(
+pub fn encode_signed(
     header: &Header,
-    message: &M,
+    message: &ToModule,
     key: &Key,
     nonce: &Nonce,
+    out: &mut [u8],
+) -> Result<usize, EncodeError> {
+    let sign = |kind, payload: &[u8]| key.sign(nonce, kind, payload);
+    encode_tagged(header, message, sign, out)
+}
+
+/// As [`encode_signed`] for [`super::FromModule::State`] and the host's nonce.
+///
+/// # Errors
+/// As [`encode_signed`].
+pub fn encode_proof(
+    header: &Header,
+    message: &FromModule,
+    key: &Key,
+    nonce: &Nonce,
+    out: &mut [u8],
+) -> Result<usize, EncodeError> {
+    let sign = |kind, payload: &[u8]| key.sign_state(nonce, kind, payload);
+    encode_tagged(header, message, sign, out)
+}
+
+fn encode_tagged<M: Message>(
+    header: &Header,
+    message: &M,
+    sign: impl FnOnce(u8, &[u8]) -> Tag,
     out: &mut [u8],
 ) -> Result<usize, EncodeError> {
     let mut buffer = [0; 1 + MAX_PAYLOAD];
@@ -352,7 +378,7 @@ pub fn encode_signed<M: Message>(
         .split_last_chunk_mut::<TAG_LEN>()
         .ok_or(EncodeError::NotSignable)?;
     let (kind, payload) = signed.split_first().ok_or(EncodeError::NotSignable)?;
-    *place = key.sign(nonce, *kind, payload).0;
+    *place = sign(*kind, payload).0;
     envelope(header, used, out)
 }
 

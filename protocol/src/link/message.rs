@@ -12,7 +12,7 @@ use super::event::{Event, RunEnd};
 use super::frame::Message;
 use super::gait::{Digest, WireGait};
 use super::reject::Reject;
-use super::status::{CrashRecord, Hello, Info, SlotInfo};
+use super::status::{CrashRecord, Hello, Info, ModuleState, SlotInfo};
 use super::telemetry::{Sample, SampleBlock};
 
 /// Bytes of a bus packet that [`ToModule::BusRaw`] and [`FromModule::BusReply`] carry.
@@ -34,7 +34,8 @@ pub enum ToModule {
     },
     /// -> [`FromModule::Info`].
     GetInfo,
-    /// -> [`FromModule::Challenge`]. The same nonce is repeated until an accepted order used it.
+    /// -> [`FromModule::Challenge`]. The same nonce is repeated until an accepted order used it, it is too old
+    /// ([`super::server::CHALLENGE_LIFE_US`]), or a STOP, a HELLO, the end of a run or the loss of the link voided it.
     GetChallenge,
     /// Checks and stores a gait. Refused in Run. Signed. -> [`FromModule::GaitStored`].
     PutGait {
@@ -68,13 +69,13 @@ pub enum ToModule {
         /// Proof.
         tag: Tag,
     },
-    /// Runs a gait once, then holds and releases. The robot is autonomous for `duration_ms` and stops by itself. Signed. -> [`FromModule::Ack`].
+    /// Runs a gait once, then holds and releases. The robot is autonomous: it needs no host for `duration_ms` and stops by itself. Signed. -> [`FromModule::Ack`].
     Start {
         /// Slot to run.
         slot: u8,
         /// What the host believes is in the slot; anything else is refused.
         digest: Digest,
-        /// Length of the lease from the first CPG tick, ms.
+        /// Length of the run from the first CPG tick, ms.
         duration_ms: u32,
         /// Telemetry of this run.
         rate: TelemetryRate,
@@ -102,7 +103,7 @@ pub enum ToModule {
         /// Host clock, us; comes back unchanged.
         host_t_us: u64,
     },
-    /// Live telemetry outside of a run, or a change of rate within one. -> [`FromModule::Ack`].
+    /// Live telemetry of this link, in a run and outside. The record of a run is not changed. -> [`FromModule::Ack`].
     Subscribe {
         /// New rate.
         rate: TelemetryRate,
@@ -114,7 +115,7 @@ pub enum ToModule {
     },
     /// Asks for buffered telemetry of the last run, one block per request. -> [`FromModule::SampleBlock`], empty at the end.
     Drain {
-        /// First sample wanted. Everything before it may be forgotten.
+        /// First sample wanted.
         from_sample: u32,
     },
     /// Sends one packet on the motor bus and returns what answers. Not in Run. Signed. -> [`FromModule::BusReply`].
@@ -138,6 +139,43 @@ pub enum ToModule {
     },
     /// -> [`FromModule::Crash`].
     GetCrash,
+    /// As [`ToModule::Start`], but the run goes on only while it hears a heartbeat: `lease_ms` after the last one, or after this order, the
+    /// robot stops. Signed. -> [`FromModule::Ack`].
+    StartTethered {
+        /// Slot to run.
+        slot: u8,
+        /// What the host believes is in the slot; anything else is refused.
+        digest: Digest,
+        /// Length of the run from the first CPG tick, ms.
+        duration_ms: u32,
+        /// Telemetry of this run.
+        rate: TelemetryRate,
+        /// Wait before the first movement, ms.
+        countdown_ms: u16,
+        /// Longest time between two heartbeats, ms, 100..=60000.
+        lease_ms: u16,
+        /// Proof.
+        tag: Tag,
+    },
+    /// The host that watches a tethered run is still there. Signed. -> [`FromModule::Ack`].
+    Heartbeat {
+        /// Proof.
+        tag: Tag,
+    },
+    /// What is the module's state, with proof that the answer is the module's. -> [`FromModule::State`].
+    ProveState {
+        /// Random number of the host.
+        nonce: Nonce,
+    },
+    /// Goes over from the gait that runs to another stored one, smoothly, by the law's own filters. Signed. -> [`FromModule::Ack`].
+    ChangeGait {
+        /// Slot to run from now on.
+        slot: u8,
+        /// What the host believes is in the slot; anything else is refused.
+        digest: Digest,
+        /// Proof.
+        tag: Tag,
+    },
 }
 
 /// Module to host. Answers carry the request's sequence number; `Sample`, `SampleBlock`, `Event` and `RunEnd` also come unasked.
@@ -226,6 +264,15 @@ pub enum FromModule {
         /// In order.
         events: Vec<Event, MAX_EVENTS>,
     },
+    /// Answer to `ProveState`.
+    State {
+        /// State of the module.
+        state: ModuleState,
+        /// Time since boot, us.
+        uptime_us: u64,
+        /// Tag over the host's nonce and these fields; [`Tag::NONE`] of a module without a key.
+        tag: Tag,
+    },
 }
 
 /// How often a [`Sample`] is taken.
@@ -253,7 +300,7 @@ pub enum BusStatus {
 }
 
 impl Message for ToModule {
-    const COUNT: u8 = 20;
+    const COUNT: u8 = 24;
 
     fn kind(&self) -> u8 {
         match self {
@@ -277,6 +324,10 @@ impl Message for ToModule {
             Self::SetKey { .. } => 17,
             Self::Reset { .. } => 18,
             Self::GetCrash => 19,
+            Self::StartTethered { .. } => 20,
+            Self::Heartbeat { .. } => 21,
+            Self::ProveState { .. } => 22,
+            Self::ChangeGait { .. } => 23,
         }
     }
 }
@@ -293,7 +344,10 @@ impl ToModule {
             | Self::ClearFault { tag }
             | Self::Zero { tag, .. }
             | Self::BusRaw { tag, .. }
-            | Self::Reset { tag } => Some(tag),
+            | Self::Reset { tag }
+            | Self::StartTethered { tag, .. }
+            | Self::Heartbeat { tag }
+            | Self::ChangeGait { tag, .. } => Some(tag),
             Self::Hello { .. }
             | Self::GetInfo
             | Self::GetChallenge
@@ -305,7 +359,8 @@ impl ToModule {
             | Self::GetEvents { .. }
             | Self::Drain { .. }
             | Self::SetKey { .. }
-            | Self::GetCrash => None,
+            | Self::GetCrash
+            | Self::ProveState { .. } => None,
         }
     }
 
@@ -317,7 +372,7 @@ impl ToModule {
 }
 
 impl Message for FromModule {
-    const COUNT: u8 = 16;
+    const COUNT: u8 = 17;
 
     fn kind(&self) -> u8 {
         match self {
@@ -337,6 +392,7 @@ impl Message for FromModule {
             Self::BusReply { .. } => 13,
             Self::Crash(_) => 14,
             Self::Events { .. } => 15,
+            Self::State { .. } => 16,
         }
     }
 }

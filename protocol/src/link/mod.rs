@@ -21,10 +21,10 @@ pub mod telemetry;
 
 pub use auth::{KEY_LEN, Key, NONCE_LEN, Nonce, TAG_LEN, Tag};
 pub use client::{Client, Received};
-pub use event::{EndReason, Event, EventKind, RunEnd};
+pub use event::{EndReason, Event, EventKind, PortFault, RunEnd};
 pub use frame::{
     DecodeError, Decoder, EncodeError, Frame, Header, LinkCounters, MAX_FRAME, MAX_PAYLOAD,
-    Message, SOURCE_HOST, UNASKED, VERSION, encode, encode_signed,
+    Message, SOURCE_HOST, UNASKED, VERSION, encode, encode_proof, encode_signed,
 };
 pub use gait::{Digest, WireGait, WireLink, WireOscillator};
 pub use message::{BusStatus, FromModule, TelemetryRate, ToModule};

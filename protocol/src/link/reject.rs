@@ -58,9 +58,9 @@ pub enum Reject {
     },
     /// The gait is not acceptable.
     Gait(GaitReject),
-    /// Lease too long or zero.
+    /// Run too long or zero.
     Duration {
-        /// Longest lease, ms.
+        /// Longest run, ms.
         max_ms: u32,
     },
     /// Countdown too long.
@@ -115,6 +115,17 @@ pub enum Reject {
     BusOrder,
     /// This module cannot do that.
     Unsupported,
+    /// Lease outside its range.
+    Lease {
+        /// Shortest, ms.
+        min_ms: u16,
+        /// Longest, ms.
+        max_ms: u16,
+    },
+    /// No tethered run is under way.
+    NotTethered,
+    /// The random number generator failed its self-test: no challenge can be given and no run started.
+    NoEntropy,
 }
 
 impl Reject {
@@ -129,12 +140,23 @@ impl Reject {
             supervisor::Refusal::StopInputPressed => Self::StopInputActive,
             supervisor::Refusal::NoFault => Self::NoFault,
             supervisor::Refusal::BadJointMask { .. } => Self::JointMask,
-            supervisor::Refusal::BadLease { max_us, .. } => Self::Duration { max_ms: ms(max_us) },
+            supervisor::Refusal::BadDuration { max_us, .. } => {
+                Self::Duration { max_ms: ms(max_us) }
+            }
             supervisor::Refusal::BadCountdown { max_us, .. } => Self::Countdown {
-                max_ms: ms(max_us).min(u32::from(u16::MAX)) as u16,
+                max_ms: short_ms(max_us),
             },
+            supervisor::Refusal::BadLease { min_us, max_us, .. } => Self::Lease {
+                min_ms: short_ms(min_us),
+                max_ms: short_ms(max_us),
+            },
+            supervisor::Refusal::NotTethered => Self::NotTethered,
         }
     }
+}
+
+fn short_ms(us: u64) -> u16 {
+    ms(us).min(u32::from(u16::MAX)) as u16
 }
 
 fn ms(us: u64) -> u32 {

@@ -5,10 +5,10 @@
 
 use heapless::Vec;
 
-use super::auth::{Key, Nonce, TAG_LEN};
+use super::auth::{Key, Nonce, TAG_LEN, Tag};
 use super::frame::{
     DecodeError, Decoder, Frame, Header, LinkCounters, MAX_FRAME, Message, SOURCE_HOST, UNASKED,
-    VERSION, encode,
+    VERSION, encode, encode_proof,
 };
 use super::gait::{Digest, WireGait};
 use super::message::{BusStatus, FromModule, MAX_BUS_BYTES, MAX_EVENTS, TelemetryRate, ToModule};
@@ -36,6 +36,10 @@ pub enum Outcome<T = ()> {
     Pending,
 }
 
+/// Age of an open challenge at which it is void, us of the module's clock: an order that was held back on its way moves nothing later than this. Long
+/// enough for four tries over a slow radio.
+pub const CHALLENGE_LIFE_US: u64 = 5_000_000;
+
 /// A start order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -44,12 +48,14 @@ pub struct StartOrder {
     pub slot: u8,
     /// What the host believes is in it.
     pub digest: Digest,
-    /// Lease, ms.
+    /// Length, ms.
     pub duration_ms: u32,
     /// Telemetry of the run.
     pub rate: TelemetryRate,
     /// Wait before the first movement, ms.
     pub countdown_ms: u16,
+    /// Tethered: the longest time between two heartbeats, ms. `None`: the run needs no host.
+    pub lease_ms: Option<u16>,
 }
 
 /// A committed gait.
@@ -71,7 +77,7 @@ pub trait ModuleHandler {
     /// State now. `counters.link` is filled in by the server.
     fn info(&mut self) -> Info;
     /// 16 bytes that nobody can foresee; never the same twice.
-    fn fresh_nonce(&mut self) -> Nonce;
+    fn fresh_nonce(&mut self) -> Result<Nonce, Reject>;
     /// The key, if one is set.
     fn key(&self) -> Option<Key>;
     /// An order with a wrong tag came.
@@ -95,6 +101,10 @@ pub trait ModuleHandler {
     fn erase_slot(&mut self, slot: u8) -> Result<Outcome, Reject>;
     /// Arm and run.
     fn start(&mut self, order: &StartOrder) -> Result<Outcome, Reject>;
+    /// The host of a tethered run is still there.
+    fn heartbeat(&mut self) -> Result<Outcome, Reject>;
+    /// Go over to another stored gait in a run.
+    fn change_gait(&mut self, slot: u8, digest: Digest) -> Result<Outcome, Reject>;
     /// Leave Fault or EStop.
     fn clear_fault(&mut self) -> Result<Outcome, Reject>;
     /// These joints are in the home pose.
@@ -103,7 +113,7 @@ pub trait ModuleHandler {
     fn subscribe(&mut self, rate: TelemetryRate) -> Result<(), Reject>;
     /// Appends events from number `since` on; returns the number to ask for next and how many of those asked for are lost.
     fn events(&mut self, since: u32, into: &mut Vec<Event, MAX_EVENTS>) -> (u32, u32);
-    /// The block that holds sample `from` or the next one kept after it; an empty one at the end. Earlier samples may be forgotten.
+    /// The block that holds sample `from` or the next one kept after it; an empty one at the end. Changes nothing that is kept.
     fn drain(&mut self, from: u32) -> Result<SampleBlock, Reject>;
     /// Send on the bus, listen.
     fn bus_raw(&mut self, bytes: &[u8], listen_ms: u16) -> Result<Outcome<BusAnswer>, Reject>;
@@ -180,6 +190,13 @@ struct Kept {
     pending: bool,
 }
 
+/// A challenge that was handed out and not yet used.
+#[derive(Debug, Clone, Copy)]
+struct Challenge {
+    nonce: Nonce,
+    since_us: u64,
+}
+
 /// One port's end of the link.
 #[derive(Debug)]
 pub struct Server {
@@ -187,7 +204,7 @@ pub struct Server {
     robot_id: u8,
     boot_id: u32,
     decoder: Decoder,
-    nonce: Option<Nonce>,
+    challenge: Option<Challenge>,
     kept: Option<Kept>,
     next_sequence: u16,
 }
@@ -195,6 +212,8 @@ pub struct Server {
 #[allow(clippy::large_enum_variant, reason = "no heap to box into")]
 enum Reply {
     Message(FromModule),
+    /// A message that ends with a tag over the host's nonce.
+    Proved(FromModule, Nonce, Key),
     /// The frame of the kept answer.
     Again,
     Nothing,
@@ -209,7 +228,7 @@ impl Server {
             robot_id,
             boot_id,
             decoder: Decoder::new(),
-            nonce: None,
+            challenge: None,
             kept: None,
             next_sequence: 0,
         }
@@ -232,6 +251,12 @@ impl Server {
         self.decoder.restart();
     }
 
+    /// Voids the open challenge: what was signed for it and has not arrived will not be carried out. After STOP on any port, at the end of a run and when
+    /// the link is lost; age and HELLO are looked after here.
+    pub fn void_challenge(&mut self) {
+        self.challenge = None;
+    }
+
     /// Takes one byte; when it ended a frame for us, carries it out and returns the length of the answer in `out`.
     /// `now_us` is the time of reception, us since boot.
     pub fn push<H: ModuleHandler>(
@@ -250,7 +275,10 @@ impl Server {
         let fingerprint = frame.fingerprint();
         let kind = frame.kind();
         let decoded = frame.decode::<ToModule>();
-        let proof = Proof::check(&frame, &decoded, self.nonce.as_ref(), handler);
+        let young = |open: &Challenge| now_us.saturating_sub(open.since_us) < CHALLENGE_LIFE_US;
+        self.challenge = self.challenge.filter(young);
+        let nonce = self.challenge.map(|open| open.nonce);
+        let proof = Proof::check(&frame, &decoded, nonce.as_ref(), handler);
         if let Err(error) = decoded {
             self.decoder.count(error);
         }
@@ -258,6 +286,7 @@ impl Server {
         let reply = match decoded {
             // Type numbers never change, so STOP is understood from any version and whatever follows it.
             _ if is_stop => {
+                self.challenge = None;
                 handler.stop();
                 Reply::Message(FromModule::Ack { request: kind })
             }
@@ -298,6 +327,9 @@ impl Server {
         match reply {
             Reply::Nothing => None,
             Reply::Message(message) => self.write(sequence, &message, out),
+            Reply::Proved(message, nonce, key) => {
+                encode_proof(&self.header(sequence), &message, &key, &nonce, out).ok()
+            }
             Reply::Again => {
                 let answer = &self.kept.as_ref()?.answer;
                 out.get_mut(..answer.len())?.copy_from_slice(answer);
@@ -312,13 +344,16 @@ impl Server {
         message: &FromModule,
         out: &mut [u8; MAX_FRAME],
     ) -> Option<usize> {
-        let header = Header {
+        encode(&self.header(sequence), message, out).ok()
+    }
+
+    fn header(&self, sequence: u16) -> Header {
+        Header {
             version: VERSION,
             source: self.robot_id,
             sequence,
             boot_id: self.boot_id,
-        };
-        encode(&header, message, out).ok()
+        }
     }
 
     fn keep(&mut self, frame: &[u8]) {
@@ -345,6 +380,18 @@ impl Server {
             && !matches!(message, ToModule::Hello { .. } | ToModule::GetInfo)
         {
             return nack(Reject::OtherSession);
+        }
+        if let ToModule::ProveState { nonce } = message {
+            let info = handler.info();
+            let answer = FromModule::State {
+                state: info.state,
+                uptime_us: info.uptime_us,
+                tag: Tag::NONE,
+            };
+            return match handler.key() {
+                Some(key) => Reply::Proved(answer, *nonce, key),
+                None => Reply::Message(answer),
+            };
         }
         if !message.changes_state() {
             return Reply::Message(self.read(message, now_us, handler));
@@ -401,7 +448,7 @@ impl Server {
             (Proof::NoKey, Port::Radio) => Err(Reject::NoKey),
             (Proof::NoNonce, _) => Err(Reject::NoChallenge),
             (Proof::Right, _) => {
-                self.nonce = None;
+                self.challenge = None;
                 Ok(())
             }
             (Proof::Wrong, _) => {
@@ -425,14 +472,19 @@ impl Server {
                 theirs: protocol,
                 ours: VERSION,
             }),
-            ToModule::Hello { .. } => FromModule::Hello(handler.hello()),
+            ToModule::Hello { .. } => {
+                // Another host, or the same one anew: what was signed before is of another session.
+                self.challenge = None;
+                FromModule::Hello(handler.hello())
+            }
             ToModule::GetInfo => {
                 let mut info = handler.info();
                 info.counters.link = *self.decoder.counters();
                 FromModule::Info(info)
             }
-            ToModule::GetChallenge => FromModule::Challenge {
-                nonce: *self.nonce.get_or_insert_with(|| handler.fresh_nonce()),
+            ToModule::GetChallenge => match self.open_challenge(now_us, handler) {
+                Ok(nonce) => FromModule::Challenge { nonce },
+                Err(reason) => nack(reason),
             },
             ToModule::GetGait { slot } => match handler.get_gait(slot) {
                 Ok((digest, gait)) => FromModule::GaitData { slot, digest, gait },
@@ -460,8 +512,12 @@ impl Server {
                 Err(reason) => nack(reason),
             },
             ToModule::GetCrash => FromModule::Crash(handler.crash()),
-            // Stop is answered before; orders go through `carry_out`.
+            // These are answered before; orders go through `carry_out`.
             ToModule::Stop
+            | ToModule::ProveState { .. }
+            | ToModule::StartTethered { .. }
+            | ToModule::Heartbeat { .. }
+            | ToModule::ChangeGait { .. }
             | ToModule::PutGait { .. }
             | ToModule::ActivateSlot { .. }
             | ToModule::EraseSlot { .. }
@@ -472,6 +528,23 @@ impl Server {
             | ToModule::SetKey { .. }
             | ToModule::Reset { .. } => nack(Reject::Unsupported),
         }
+    }
+
+    /// The open challenge, or a new one.
+    fn open_challenge<H: ModuleHandler>(
+        &mut self,
+        now_us: u64,
+        handler: &mut H,
+    ) -> Result<Nonce, Reject> {
+        if let Some(open) = self.challenge {
+            return Ok(open.nonce);
+        }
+        let nonce = handler.fresh_nonce()?;
+        self.challenge = Some(Challenge {
+            nonce,
+            since_us: now_us,
+        });
+        Ok(nonce)
     }
 }
 
@@ -506,8 +579,31 @@ fn carry_out<H: ModuleHandler>(
                 duration_ms: *duration_ms,
                 rate: *rate,
                 countdown_ms: *countdown_ms,
+                lease_ms: None,
             })
             .map(Into::into),
+        ToModule::StartTethered {
+            slot,
+            digest,
+            duration_ms,
+            rate,
+            countdown_ms,
+            lease_ms,
+            ..
+        } => handler
+            .start(&StartOrder {
+                slot: *slot,
+                digest: *digest,
+                duration_ms: *duration_ms,
+                rate: *rate,
+                countdown_ms: *countdown_ms,
+                lease_ms: Some(*lease_ms),
+            })
+            .map(Into::into),
+        ToModule::Heartbeat { .. } => handler.heartbeat().map(Into::into),
+        ToModule::ChangeGait { slot, digest, .. } => {
+            handler.change_gait(*slot, *digest).map(Into::into)
+        }
         ToModule::ClearFault { .. } => handler.clear_fault().map(Into::into),
         ToModule::Zero { joint_mask, .. } => handler.zero(*joint_mask).map(Into::into),
         ToModule::BusRaw {
@@ -528,6 +624,7 @@ fn carry_out<H: ModuleHandler>(
         | ToModule::Subscribe { .. }
         | ToModule::GetEvents { .. }
         | ToModule::Drain { .. }
+        | ToModule::ProveState { .. }
         | ToModule::GetCrash => Err(Reject::Unsupported),
     }
 }

@@ -239,6 +239,8 @@ pub enum CrashKind {
     Watchdog,
     /// Non-maskable interrupt: flash ECC.
     Nmi,
+    /// The stack ran out.
+    StackOverflow,
 }
 
 /// What survived a crash.

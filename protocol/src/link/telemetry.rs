@@ -272,16 +272,16 @@ impl<const BLOCKS: usize> SampleLog<BLOCKS> {
         Some(block)
     }
 
-    /// Forgets blocks that end before sample `from` and returns the block that holds it, or the next one kept. At the end: an empty block whose `first`
-    /// is the number of samples taken.
-    pub fn drain(&mut self, from: u32) -> SampleBlock {
-        while self.blocks.front().is_some_and(|block| block.end() <= from) {
-            let _ = self.blocks.pop_front();
-            self.sent = self.sent.saturating_sub(1);
-        }
-        match self.blocks.front() {
-            Some(block) => {
-                self.sent = self.sent.max(1);
+    /// The block that holds sample `from`, or the next one kept. At the end: an empty block whose `first` is the number of samples taken.
+    /// Forgets nothing, so that nobody can take a record away by asking for it. `to_recorder`: the answer goes where blocks go unasked, so the
+    /// block need not be sent there again.
+    pub fn drain(&mut self, from: u32, to_recorder: bool) -> SampleBlock {
+        let mut kept = self.blocks.iter().enumerate();
+        match kept.find(|(_, block)| block.end() > from) {
+            Some((index, block)) => {
+                if to_recorder && index == self.sent {
+                    self.sent = self.sent.saturating_add(1);
+                }
                 block.clone()
             }
             None => SampleBlock {

@@ -157,6 +157,22 @@ pub fn to_module() -> std::vec::Vec<ToModule> {
         ToModule::SetKey { key: KEY },
         ToModule::Reset { tag },
         ToModule::GetCrash,
+        ToModule::StartTethered {
+            slot: 2,
+            digest: Digest([1, 2, 3, 4, 5, 6, 7, 8]),
+            duration_ms: 30_000,
+            rate: TelemetryRate::Cycle,
+            countdown_ms: 3000,
+            lease_ms: 1000,
+            tag,
+        },
+        ToModule::Heartbeat { tag },
+        ToModule::ProveState { nonce: NONCE },
+        ToModule::ChangeGait {
+            slot: 1,
+            digest: Digest([1, 2, 3, 4, 5, 6, 7, 8]),
+            tag,
+        },
     ]
 }
 
@@ -241,7 +257,7 @@ pub fn from_module() -> std::vec::Vec<FromModule> {
             .unwrap(),
         },
         FromModule::Sample(sample(3)),
-        FromModule::SampleBlock(log.drain(0)),
+        FromModule::SampleBlock(log.drain(0, true)),
         FromModule::Event(event),
         FromModule::RunEnd(RunEnd {
             run: 9,
@@ -272,6 +288,11 @@ pub fn from_module() -> std::vec::Vec<FromModule> {
             next: 301,
             lost: 2,
             events: Vec::from_slice(&[event]).unwrap(),
+        },
+        FromModule::State {
+            state: ModuleState::Stopping,
+            uptime_us: 90_000_000,
+            tag: Tag([7; TAG_LEN]),
         },
     ]
 }
@@ -359,6 +380,12 @@ pub fn rejects() -> std::vec::Vec<Reject> {
         Reject::NoSamples,
         Reject::BusOrder,
         Reject::Unsupported,
+        Reject::Lease {
+            min_ms: 100,
+            max_ms: 60_000,
+        },
+        Reject::NotTethered,
+        Reject::NoEntropy,
     ]);
     rejects
 }
@@ -455,7 +482,19 @@ pub fn event_kinds() -> std::vec::Vec<EventKind> {
             applied_urad: -5,
         },
         EventKind::Stop { input: true },
+        EventKind::RunEnded {
+            reason: EndReason::HostLost,
+        },
+        EventKind::Repeated {
+            count: 40,
+            first: 300,
+        },
+        EventKind::GaitChanged { slot: 1, digest },
     ]);
+    kinds.extend(
+        [PortFault::Overrun, PortFault::Noise, PortFault::Closed]
+            .map(|fault| EventKind::PortError { port: 2, fault }),
+    );
     kinds
 }
 

@@ -37,9 +37,9 @@ impl ModuleHandler for Robot {
     fn info(&mut self) -> Info {
         info()
     }
-    fn fresh_nonce(&mut self) -> Nonce {
+    fn fresh_nonce(&mut self) -> Result<Nonce, Reject> {
         self.nonces += 1;
-        Nonce([self.nonces; NONCE_LEN])
+        Ok(Nonce([self.nonces; NONCE_LEN]))
     }
     fn key(&self) -> Option<Key> {
         self.key
@@ -85,7 +85,14 @@ impl ModuleHandler for Robot {
         self.order(format!("erase {slot}"))
     }
     fn start(&mut self, order: &StartOrder) -> Result<Outcome, Reject> {
-        self.order(format!("start {} {}", order.slot, order.duration_ms))
+        let lease = order.lease_ms.map_or(String::new(), |ms| format!(" {ms}"));
+        self.order(format!("start {} {}{lease}", order.slot, order.duration_ms))
+    }
+    fn heartbeat(&mut self) -> Result<Outcome, Reject> {
+        self.order("heartbeat".into())
+    }
+    fn change_gait(&mut self, slot: u8, _digest: Digest) -> Result<Outcome, Reject> {
+        self.order(format!("change {slot}"))
     }
     fn clear_fault(&mut self) -> Result<Outcome, Reject> {
         self.order("clear".into())
@@ -142,6 +149,8 @@ pub struct Session {
     pub robot: Robot,
     pub server: Server,
     pub host: Client,
+    /// The module's clock.
+    pub now_us: u64,
 }
 
 impl Session {
@@ -158,6 +167,7 @@ impl Session {
             },
             server: Server::new(port, ROBOT, boot_id),
             host: Client::new(0xFFFE),
+            now_us: 4321,
         };
         let answer = session.ask(&ToModule::Hello { protocol: VERSION }, None);
         assert!(matches!(answer, FromModule::Hello(_)));
@@ -176,7 +186,10 @@ impl Session {
         let mut answers = Vec::new();
         let mut out = [0; MAX_FRAME];
         for &byte in bytes {
-            if let Some(len) = self.server.push(byte, 4321, &mut self.robot, &mut out) {
+            if let Some(len) = self
+                .server
+                .push(byte, self.now_us, &mut self.robot, &mut out)
+            {
                 answers.extend(receive(&mut self.host, &out[..len]));
             }
         }

@@ -213,3 +213,99 @@ fn replayed_sessions_move_nothing() {
         assert!(moved.is_empty(), "boot {boot}: {moved:?}");
     }
 }
+
+/// The owner signs, the frame is held back, and something happens before it is let through.
+#[test]
+fn an_order_that_was_held_back_is_void_after_stop_hello_or_its_age() {
+    type Meanwhile = fn(&mut Session);
+    let voids: [(&str, Meanwhile); 6] = [
+        ("STOP", |s| {
+            s.ask(&ToModule::Stop, None);
+        }),
+        ("STOP of a stranger in another version", |s| {
+            let header = Header {
+                version: 77,
+                boot_id: 1,
+                ..host_header(9)
+            };
+            s.send(&frame(&header, &ToModule::Stop));
+        }),
+        ("HELLO", |s| {
+            s.ask(&ToModule::Hello { protocol: VERSION }, None);
+        }),
+        ("age", |s| s.now_us += server::CHALLENGE_LIFE_US),
+        ("age, the challenge asked for again in between", |s| {
+            s.now_us += server::CHALLENGE_LIFE_US - 1;
+            s.nonce();
+            s.now_us += 1;
+        }),
+        ("the module voids it", |s| s.server.void_challenge()),
+    ];
+    for port in [Port::Wire, Port::Radio] {
+        for message in orders() {
+            for (what, meanwhile) in voids {
+                let mut session = Session::new(port, Some(KEY));
+                let nonce = session.nonce();
+                let held_back = session.bytes(&message, Some((&KEY, &nonce)));
+                meanwhile(&mut session);
+                session.robot.calls.clear();
+                let answers = session.send(&held_back);
+                assert_eq!(answers[0].1, nack(&message, Reject::NoChallenge), "{what}");
+                // With the next challenge open it is a wrong tag.
+                assert_ne!(session.nonce(), nonce);
+                session.send(&held_back);
+                assert_eq!(
+                    session.robot.calls,
+                    [format!("bad tag {}", message.kind())],
+                    "{what}"
+                );
+                // And the owner is not locked out.
+                let answer = session.order(&message);
+                assert!(!matches!(answer, FromModule::Nack { .. }), "{answer:?}");
+            }
+            let mut session = Session::new(port, Some(KEY));
+            let nonce = session.nonce();
+            session.now_us += server::CHALLENGE_LIFE_US - 1;
+            let answer = session.ask(&message, Some((&KEY, &nonce)));
+            assert!(!matches!(answer, FromModule::Nack { .. }), "in time");
+        }
+    }
+}
+
+/// The module's state is proved to the host that asked, and to nobody else.
+#[test]
+fn a_state_is_proved_with_the_key_over_the_hosts_nonce() {
+    let nonce = Nonce([0x5A; NONCE_LEN]);
+    let ask = ToModule::ProveState { nonce };
+    let mut session = Session::new(Port::Radio, Some(KEY));
+    let answer = session.ask(&ask, None);
+    let FromModule::State { state, tag, .. } = answer else {
+        panic!("{answer:?}")
+    };
+    assert_eq!(state, info().state);
+    assert!(KEY.proves(&nonce, &answer));
+    assert!(!KEY.proves(&Nonce([1; NONCE_LEN]), &answer), "a replay");
+    assert!(!Key([0x4C; KEY_LEN]).proves(&nonce, &answer));
+    let forged = FromModule::State {
+        state: ModuleState::Idle,
+        uptime_us: info().uptime_us + 1,
+        tag,
+    };
+    assert!(!KEY.proves(&nonce, &forged));
+    assert!(!KEY.proves(&nonce, &FromModule::Ack { request: 9 }));
+    // The tag of a state is the tag of no order, whatever the type.
+    let payload = [ModuleState::Idle as u8];
+    assert!((0..=u8::MAX).all(|kind| {
+        !KEY.verify(
+            &nonce,
+            kind,
+            &payload,
+            &KEY.sign_state(&nonce, kind, &payload),
+        )
+    }));
+
+    let mut keyless = Session::new(Port::Wire, None);
+    let answer = keyless.ask(&ask, None);
+    assert!(matches!(answer, FromModule::State { tag: Tag::NONE, .. }));
+    assert!(!KEY.proves(&nonce, &answer));
+}

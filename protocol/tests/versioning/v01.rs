@@ -56,6 +56,22 @@ const TO_MODULE: &[(&str, &str)] = &[
         "000201030201051d07b01201010101010101010101010101010105e191966a00",
     ),
     ("GetCrash", "000201030201091d07b0137a7dd90500"),
+    (
+        "StartTethered",
+        "000201030201161d07b014020102030405060708b0ea0101b817e8070101010101010101010101010101010540aafded00",
+    ),
+    (
+        "Heartbeat",
+        "000201030201051d07b015010101010101010101010101010101058df2c4f000",
+    ),
+    (
+        "ProveState",
+        "000201030201191d07b01611111111111111111111111111111111c4a1c36900",
+    ),
+    (
+        "ChangeGait",
+        "0002010302010e1d07b01701010203040506070801010101010101010101010101010105967a599900",
+    ),
 ];
 
 /// Whole frames of module 7, otherwise as above.
@@ -122,6 +138,10 @@ const FROM_MODULE: &[(&str, &str)] = &[
     (
         "Events",
         "000501070201151d07b00fad020201ac02c096b1020b03a1d158ba00",
+    ),
+    (
+        "State",
+        "0005010702011e1d07b010058095f52a070707070707070707070707070707071103c86f00",
     ),
 ];
 
@@ -199,6 +219,9 @@ const REJECTS: &[(&str, &str)] = &[
     ("NoSamples", "001c"),
     ("BusOrder", "001d"),
     ("Unsupported", "001e"),
+    ("Lease { min_ms: 100, max_ms: 60000 }", "001f64e0d403"),
+    ("NotTethered", "0020"),
+    ("NoEntropy", "0021"),
 ];
 
 /// Payloads of `Event`, number 0 at time 0, of every kind.
@@ -261,6 +284,15 @@ const EVENTS: &[(&str, &str)] = &[
         "000017010a09",
     ),
     ("Stop { input: true }", "00001801"),
+    ("RunEnded { reason: HostLost }", "00000606"),
+    ("Repeated { count: 40, first: 300 }", "00001928ac02"),
+    (
+        "GaitChanged { slot: 1, digest: Digest([2, 2, 2, 2, 2, 2, 2, 2]) }",
+        "00001a010202020202020202",
+    ),
+    ("PortError { port: 2, fault: Overrun }", "00001b0200"),
+    ("PortError { port: 2, fault: Noise }", "00001b0201"),
+    ("PortError { port: 2, fault: Closed }", "00001b0202"),
 ];
 
 fn hex(bytes: &[u8]) -> String {

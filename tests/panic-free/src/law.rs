@@ -158,8 +158,9 @@ fn event(h: &mut Hostile) -> Event {
     match h.byte() {
         0 => Event::Booted,
         1 => Event::Order(Order::Start {
-            lease_us: h.time(),
+            duration_us: h.time(),
             countdown_us: h.time(),
+            lease_us: (h.byte() > 7).then(|| h.time()),
         }),
         2 => Event::Order(Order::Stop),
         3 => Event::Order(Order::ClearFault),
@@ -179,13 +180,15 @@ fn event(h: &mut Hostile) -> Event {
         10 => Event::InPosition,
         11 => Event::ApproachBlocked,
         12 => Event::Settled,
+        13 => Event::Order(Order::Heartbeat),
         _ => Event::Tick,
     }
 }
 
 fn supervise(h: &mut Hostile) {
     let params = SupervisorParams {
-        lease_max_us: h.time(),
+        duration_max_us: h.time(),
+        lease_us: (h.time(), h.time()),
         arm_max_us: h.time(),
         ramp_max_us: h.time(),
         hold_us: h.time(),

@@ -64,8 +64,8 @@ impl ModuleHandler for Module<'_> {
             counters: Counters::default(),
         }
     }
-    fn fresh_nonce(&mut self) -> Nonce {
-        Nonce(self.h.bytes())
+    fn fresh_nonce(&mut self) -> Result<Nonce, Reject> {
+        Ok(Nonce(self.h.bytes()))
     }
     fn key(&self) -> Option<Key> {
         Some(Key(Hostile.bytes()))
@@ -108,6 +108,12 @@ impl ModuleHandler for Module<'_> {
     fn start(&mut self, _order: &StartOrder) -> Result<Outcome, Reject> {
         self.outcome()
     }
+    fn heartbeat(&mut self) -> Result<Outcome, Reject> {
+        self.outcome()
+    }
+    fn change_gait(&mut self, _slot: u8, _digest: Digest) -> Result<Outcome, Reject> {
+        self.outcome()
+    }
     fn clear_fault(&mut self) -> Result<Outcome, Reject> {
         self.outcome()
     }
@@ -121,7 +127,8 @@ impl ModuleHandler for Module<'_> {
         (since, 0)
     }
     fn drain(&mut self, from: u32) -> Result<SampleBlock, Reject> {
-        Ok(self.log.drain(from))
+        let to_recorder = self.h.byte() > 7;
+        Ok(self.log.drain(from, to_recorder))
     }
     fn bus_raw(&mut self, bytes: &[u8], _listen_ms: u16) -> Result<Outcome<BusAnswer>, Reject> {
         let mut heard = Vec::new();
@@ -178,6 +185,7 @@ fn serve(h: &mut Hostile) {
         }
         match module.h.byte() {
             0 => server.restart(),
+            3 => server.void_challenge(),
             1 => module.log.begin(1),
             2 => module.log.flush(),
             _ => sink((module.log.next_unsent().is_some(), module.log.dropped())),
@@ -204,6 +212,7 @@ fn receive(h: &mut Hostile) {
                 sink(sample.is_ok());
             }
         }
+        sink(key.proves(&nonce, &received.message));
         sink(received);
     }
 }

@@ -3,9 +3,10 @@
 use files::dataset::{Command, Output};
 
 use super::resolve::Model;
-use super::simd::Lane;
+use super::simd::{Lane, Lanes};
 use super::state::{Memory, State};
 use crate::joint::data::RunData;
+use physics::laws;
 
 /// Sine of every lane for |x| < 1e4 rad, error below 1e-10: rounding by the floating-point adder, then an odd polynomial of degree 11 with
 /// the smallest error on half a turn (Lawson's iteration on 4001 points; 1.7e-11), in an order that waits least.
@@ -27,27 +28,10 @@ fn sin<F: Lane>(x: F) -> F {
     F::select(half.ne(whole), -s, s)
 }
 
-/// `exp(-x)` of every lane for `x >= 0`: the series of `exp(x / 16)`, turned over and squared four times. Good to 1e-5
-/// below x = 4 and always between 0 and 1.
-#[inline(always)]
-fn decay<F: Lane>(x: F) -> F {
-    let z = x.min(F::splat(48.0)) * F::splat(1.0 / 16.0);
-    let mut p = F::splat(1.0 / 120.0);
-    for c in [1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0] {
-        p = F::splat(c) + z * p;
-    }
-    let mut e = F::one() / p;
-    for _ in 0..4 {
-        e *= e;
-    }
-    e
-}
-
 /// Dry friction above Coulomb's at speed `v`.
 #[inline(always)]
 fn stribeck<F: Lane>(m: &Model<F>, v: F) -> F {
-    let x = v / m.stribeck_speed;
-    m.stick * decay(x * x)
+    laws::stribeck::<Lanes<F>>(m.stick, v / m.stribeck_speed)
 }
 
 /// The joint's controller: set-point and encoder to controller output.
@@ -70,8 +54,7 @@ pub(super) fn control<F: Lane>(
     if !tick {
         return s.held;
     }
-    let mut e = sp - q;
-    e -= e.clamp(-m.band, m.band);
+    let e = laws::dead_zone::<Lanes<F>>(sp - q, m.band);
     if run.nominal.ki != 0.0 {
         let bound = F::splat(run.nominal.limit / run.nominal.ki.abs());
         let slow = m.ticks_per_step.map(|_| F::splat(run.nominal.period_s));

@@ -10,6 +10,7 @@ pub(super) mod x86;
 
 use std::ops::{Add, AddAssign, Div, Mul, MulAssign, Neg, Sub, SubAssign};
 
+use physics::laws::Arithmetic;
 use wide::f64x8;
 
 /// Parameter sets simulated at once.
@@ -81,6 +82,25 @@ pub(in crate::joint) trait Lane:
     #[inline(always)]
     fn sign(self) -> Self {
         Self::select(self.lt(Self::zero()), -Self::one(), Self::one())
+    }
+}
+
+/// Lanes as the numbers of a shared law.
+pub(super) struct Lanes<F>(std::marker::PhantomData<F>);
+
+impl<F: Lane> Arithmetic for Lanes<F> {
+    type Number = F;
+    #[inline(always)]
+    fn number(value: f64) -> F {
+        F::splat(value)
+    }
+    #[inline(always)]
+    fn least(a: F, b: F) -> F {
+        a.min(b)
+    }
+    #[inline(always)]
+    fn most(a: F, b: F) -> F {
+        a.max(b)
     }
 }
 

@@ -1,11 +1,12 @@
 use super::*;
-use files::model::Effect as E;
+use crate::whole::nominal::Motors;
 
 /// A robot that a tracker has seen for the length of a gait.
 fn question(among: Vec<Explanation>) -> Question {
     let data = Data {
         runs: Vec::new(),
         gaits: Vec::new(),
+        motors: Motors::of(&Model::hand_tuned()),
     };
     Question {
         open: Open::Class(among),
@@ -17,11 +18,11 @@ fn question(among: Vec<Explanation>) -> Question {
     }
 }
 
-fn explanation(effect: E, values: &[f64]) -> Explanation {
+fn explanation(effect: Effect, values: &[f64]) -> Explanation {
     let mut model = Model::hand_tuned();
     model.set_effect(effect, None, values).expect("in range");
     Explanation {
-        effect: Effect::from_name(effect.info().name).expect("shared"),
+        effect,
         parameters: std::collections::BTreeMap::new(),
         model,
     }
@@ -34,8 +35,8 @@ fn menu() -> Vec<Gait> {
 
 #[test]
 fn a_slope_is_told_from_a_shifted_mass_at_some_heading() {
-    let slope = explanation(E::GroundSlope, &[0.08, 0.0]);
-    let shift = explanation(E::ComOffset, &[0.0, 0.02, 0.0]);
+    let slope = explanation(Effect::GroundSlope, &[0.08, 0.0]);
+    let shift = explanation(Effect::ComOffset, &[0.0, 0.02, 0.0]);
     let q = question(vec![slope, shift]);
     let e = q.experiment(&menu(), &|_| true).expect("a gait");
     // A slope has a direction, so the heading is part of the experiment.
@@ -52,13 +53,13 @@ fn a_slope_is_told_from_a_shifted_mass_at_some_heading() {
 
 #[test]
 fn what_is_alike_is_not_promised_to_differ_and_what_is_refused_is_not_proposed() {
-    let same = || explanation(E::GroundFriction, &[0.6]);
+    let same = || explanation(Effect::GroundFriction, &[0.6]);
     let q = question(vec![same(), same()]);
     let e = q.experiment(&menu(), &|_| true).expect("a gait");
     let look = e.look.expect("something to look at");
     assert!(look.apart < 1e-9, "{look:?}");
     assert!(e.heading_rad.is_none() && e.text.contains("No gait of the menu"));
-    let slippery = explanation(E::GroundFriction, &[0.3]);
+    let slippery = explanation(Effect::GroundFriction, &[0.3]);
     let q = question(vec![same(), slippery]);
     assert_eq!(q.experiment(&menu(), &|_| false), None);
     let slow = q.experiment(&menu(), &|g| g.name() == "paddle_slower");
@@ -99,6 +100,7 @@ fn a_remainder_gets_its_gait_again_slower_or_for_longer() {
     let data = Arc::new(Data {
         runs: vec![sent_run(&gait)],
         gaits: vec!["paddle".into()],
+        motors: Motors::of(&Model::hand_tuned()),
     });
     for changes in [None, Some(Change::Friction), Some(Change::Zero(3))] {
         let unsteady = changes.is_some();

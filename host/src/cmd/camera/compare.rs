@@ -12,8 +12,8 @@ use serde_json::{Value, json};
 
 use super::pair::Films;
 use crate::cli::parse_duration;
-use crate::cmd::write_new;
 use crate::context::Context;
+use crate::disk::write_new;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::searching::films;
 

@@ -8,11 +8,12 @@ use camera::{Silhouette, picture};
 use rayon::prelude::*;
 use serde_json::json;
 
-use crate::cmd::write_new;
 use crate::context::Context;
+use crate::disk;
+use crate::disk::write_new;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::searching::films;
-use crate::searching::frames::{Frames, HEADER, INDEX, index, make_empty};
+use crate::searching::frames::{Frames, HEADER, INDEX, index};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct ImportArgs {
@@ -79,7 +80,7 @@ pub(super) fn import(args: &ImportArgs, context: &Context) -> Outcome {
         return Err(Failure::say(Exit::Usage, message));
     }
     let sources = sources(&args.source, args.rate)?;
-    make_empty(&args.output)?;
+    disk::make_empty(&args.output)?;
     let names = sources
         .par_iter()
         .enumerate()
@@ -99,7 +100,7 @@ pub(super) fn import(args: &ImportArgs, context: &Context) -> Outcome {
     for ((name, _), source) in names.iter().zip(&sources) {
         let _ = writeln!(text, "{:.6},{name}", source.t_s);
     }
-    std::fs::write(args.output.join(INDEX), text)?;
+    disk::write(&args.output.join(INDEX), text.as_bytes())?;
     let kind = if first.ends_with("pgm") {
         "depth frames"
     } else {
@@ -126,7 +127,7 @@ fn sources(folder: &Path, rate_hz: f64) -> Outcome<Vec<Source>> {
     let shown = folder.display();
     let dump = folder.join("INDEX.txt");
     let mut sources: Vec<Source> = if dump.exists() {
-        let text = std::fs::read_to_string(&dump)?;
+        let text = disk::text(&dump)?;
         let entries = depth::read_fakenect_index(&text).into_iter();
         let source = |entry: depth::IndexEntry| Source {
             path: folder.join(entry.file),
@@ -139,7 +140,8 @@ fn sources(folder: &Path, rate_hz: f64) -> Outcome<Vec<Source>> {
             .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
         let mut paths = entries
             .map(|entry| entry.map(|entry| entry.path()))
-            .collect::<Result<Vec<PathBuf>, _>>()?;
+            .collect::<Result<Vec<PathBuf>, _>>()
+            .map_err(|e| disk::bad_file(folder, &e))?;
         paths.retain(|path| path.extension().is_some_and(|e| e == "pgm" || e == "png"));
         paths.sort();
         let source = |(k, path)| Source {
@@ -175,7 +177,7 @@ fn convert(k: usize, source: &Source, output: &Path) -> Outcome<(String, [usize;
             picture::silhouette_png(&frame).map_err(|e| Failure::new(Exit::Other, e))?,
         ),
     };
-    std::fs::write(output.join(&name), bytes)?;
+    disk::write_part(&output.join(&name), &bytes)?;
     Ok((name, size))
 }
 
@@ -183,7 +185,7 @@ fn read_picture(source: &Source) -> Outcome<Picture> {
     let path = &source.path;
     let bad =
         |e: &dyn std::fmt::Display| Failure::say(Exit::BadFile, format!("{}: {e}", path.display()));
-    let bytes = std::fs::read(path).map_err(|e| bad(&e))?;
+    let bytes = disk::read_regular(path, disk::MAX_DATA).map_err(|e| bad(&e))?;
     if path.extension().is_some_and(|e| e == "pgm") {
         let frame = depth::read_pgm(&bytes, source.samples).map_err(|e| bad(&e))?;
         return Ok(Picture::Depth(frame));
@@ -234,7 +236,7 @@ fn read_depth(path: &Path) -> Outcome<DepthFrame> {
         Failure::say(Exit::BadFile, format!("{}: {e}", path.display()))
             .hint("depth frames are 16-bit PGM; `rb-host camera import` makes them")
     };
-    let bytes = std::fs::read(path).map_err(|e| bad(&e))?;
+    let bytes = disk::read_regular(path, disk::MAX_DATA).map_err(|e| bad(&e))?;
     depth::read_pgm(&bytes, Samples::BigEndian).map_err(|e| bad(&e))
 }
 

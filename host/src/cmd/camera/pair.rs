@@ -7,8 +7,8 @@ use camera::{Silhouette, picture, viewer};
 use serde_json::json;
 
 use crate::cli::parse_duration;
-use crate::cmd::write_new;
 use crate::context::Context;
+use crate::disk::write_new;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::searching::films;
 use crate::searching::frames::Frames;

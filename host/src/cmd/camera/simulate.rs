@@ -17,7 +17,7 @@ pub(super) struct SimulateArgs {
     /// Data set folder with films
     data: PathBuf,
     /// Run to simulate: the name of its film folder, such as g01_1
-    #[arg(short, long, value_name = "NAME")]
+    #[arg(long, short_alias = 'r', value_name = "NAME")]
     run: String,
     /// Robot model and effects, such as what `optimise model` left; the shipped hand-tuned model when absent
     #[arg(short, long, value_name = "FILE")]

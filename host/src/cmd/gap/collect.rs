@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use indicatif::ProgressBar;
 use serde_json::json;
 
 use super::programme::{self, Item, Place, Wanted};
@@ -97,7 +98,11 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
         warm_s: args.warm.as_secs_f64(),
     };
     let items = programme::items(&wanted, &context.robot_model())?;
-    let uri = context.port()?;
+    let uri = if args.dry_run {
+        context.port()?
+    } else {
+        context.port_to_move()?
+    };
     let name = "collected by rb-host gap collect";
     let mut known = Vec::new();
     if args.output.join("dataset.toml").exists() {
@@ -105,7 +110,9 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     }
     let missing: Vec<&Item> = items.iter().filter(|i| !known.contains(&i.name)).collect();
     context.out.say(told(&items, &missing));
+    let mut failed = Vec::new();
     let mut recorded = 0;
+    let mut ended = Ok(());
     if !args.dry_run && !missing.is_empty() {
         let set = takes::open_set(&args.output, name, &model, &uri)?;
         let slot = match args.slot {
@@ -113,63 +120,163 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
             None if !uri.is_sim() => Some(empty_slot(&mut context.connect_to(&uri)?)?),
             slot => slot,
         };
-        for item in &missing {
-            record(context, &uri, &set, slot, item)?;
-            recorded += 1;
-        }
+        let bar = context.out.progress(missing.len() as u64, "recordings");
+        let maker = Maker {
+            context,
+            uri: &uri,
+            set: &set,
+            slot,
+        };
+        ended = maker.all(&missing, &mut recorded, &mut failed, &bar);
+        bar.finish_and_clear();
     }
+    let left: Vec<&str> = match args.dry_run {
+        true => missing.iter().map(|i| i.name.as_str()).collect(),
+        false => left(&missing, recorded, &failed),
+    };
     let value = json!({
-        "folder": args.output, "recordings": items.len(), "recorded_now": recorded,
-        "missing": missing.len() - recorded, "robot_time_s": missing.iter().map(|i| i.cost_s()).sum::<f64>(),
+        "folder": args.output, "recordings": items.len(), "recorded_now": recorded, "missing": left.len(),
+        "missing_names": left, "failed": failed.iter().map(|f| json!({ "name": f.name, "why": f.why })).collect::<Vec<_>>(),
+        "robot_time_s": missing.iter().map(|i| i.cost_s()).sum::<f64>(),
     });
     context.out.result("rb.gap_collect/1", value, || {
-        let folder = args.output.display();
-        if args.dry_run {
-            return String::from("nothing was recorded");
-        }
-        format!("{recorded} recordings made in {folder}; next: rb-host gap report {folder}")
+        summary(args, recorded, &failed, &left)
     });
-    Ok(())
+    ended?;
+    if failed.is_empty() {
+        return Ok(());
+    }
+    let message = format!("{} recordings could not be made", failed.len());
+    Err(Failure::say(Exit::Refused, message)
+        .hint(format!("{}; {AGAIN}", takes::what_happened(&uri))))
 }
 
-/// Uploads, runs, records and adds to the set.
-fn record(
-    context: &Context,
-    uri: &PortUri,
-    set: &SetFolder,
+const AGAIN: &str = "the same command goes on from here";
+
+/// A recording that could not be made, and why.
+struct Failed {
+    name: String,
+    why: String,
+}
+
+/// Names of what is not recorded: what failed, then what was not tried.
+fn left<'a>(missing: &[&'a Item], recorded: usize, failed: &[Failed]) -> Vec<&'a str> {
+    let tried = recorded + failed.len();
+    let is_left =
+        |(k, item): &(usize, &&'a Item)| *k >= tried || failed.iter().any(|f| f.name == item.name);
+    let left = missing.iter().enumerate().filter(is_left);
+    left.map(|(_, item)| item.name.as_str()).collect()
+}
+
+fn summary(args: &Args, recorded: usize, failed: &[Failed], left: &[&str]) -> String {
+    let folder = args.output.display();
+    if args.dry_run {
+        return String::from("nothing was recorded");
+    }
+    let mut text = format!("{recorded} recordings made in {folder}");
+    for f in failed {
+        let _ = write!(text, "\nnot recorded: {}: {}", f.name, f.why);
+    }
+    if left.is_empty() {
+        let _ = write!(text, "; next: rb-host gap report {folder}");
+    } else {
+        let _ = write!(text, "\nmissing: {} ({})", left.len(), left.join(", "));
+    }
+    text
+}
+
+/// Makes recordings, one after the other.
+struct Maker<'a> {
+    context: &'a Context,
+    uri: &'a PortUri,
+    set: &'a SetFolder,
     slot: Option<u8>,
-    item: &Item,
-) -> Outcome {
-    if !uri.is_sim() {
-        let place = match item.place {
-            Place::Ground => "flat on the ground",
-            Place::Air => "held off the ground",
+}
+
+/// So many recordings that fail one after the other have one cause, and it will not go away by itself.
+const IN_A_ROW: usize = 3;
+
+impl Maker<'_> {
+    /// Goes on past a recording that fails; ends when the robot is gone, the disk is full, Ctrl-C is pressed or all fail.
+    fn all(
+        &self,
+        missing: &[&Item],
+        recorded: &mut usize,
+        failed: &mut Vec<Failed>,
+        bar: &ProgressBar,
+    ) -> Outcome {
+        let mut in_a_row = 0;
+        for item in missing {
+            match self.record(item) {
+                Ok(()) => {
+                    *recorded += 1;
+                    in_a_row = 0;
+                }
+                Err(failure) if matches!(failure.exit(), Exit::Refused | Exit::BadFile) => {
+                    self.context.out.warn(format_args!(
+                        "{} was not recorded: {failure}; going on with the next one",
+                        item.name
+                    ));
+                    in_a_row += 1;
+                    failed.push(Failed {
+                        name: item.name.clone(),
+                        why: failure.to_string(),
+                    });
+                    if in_a_row == IN_A_ROW {
+                        return Err(failure.hint(format!(
+                            "{IN_A_ROW} recordings failed one after the other; {AGAIN}"
+                        )));
+                    }
+                }
+                Err(failure) => return Err(failure),
+            }
+            bar.inc(1);
+        }
+        Ok(())
+    }
+
+    /// Uploads, runs, records and adds to the set.
+    fn record(&self, item: &Item) -> Outcome {
+        let Self {
+            context,
+            uri,
+            set,
+            slot,
+        } = *self;
+        if !uri.is_sim() {
+            let place = match item.place {
+                Place::Ground => "flat on the ground",
+                Place::Air => "held off the ground",
+            };
+            let question = format!("Home pose, {place}? Run {}?", item.name);
+            crate::cmd::confirm(context, &question)?;
+        }
+        let take = Take {
+            name: item.name.clone(),
+            gait: item.gait.clone(),
+            role: None,
+            duration: Duration::from_secs_f64(item.duration_s),
+            autonomous: false,
+            rate_hz: 100,
+            slot,
+            start_m: [0.0; 2],
+            filmed: item.place == Place::Ground,
         };
-        let question = format!("Home pose, {place}? Run {}?", item.name);
-        crate::cmd::confirm(context, &question)?;
+        let taken = takes::take(context, uri, set, &take)?;
+        if taken.report.interrupted {
+            let text = format!("Ctrl-C: the robot was stopped; {AGAIN}");
+            return Err(Failure::say(Exit::Interrupted, text));
+        }
+        if let Some(misfit) = taken.misfit {
+            return Err(Failure::say(Exit::BadFile, misfit));
+        }
+        if !taken.is_kept() {
+            let text = format!("the run ended early: {}", taken.report.end.reason);
+            return Err(Failure::say(Exit::Refused, text));
+        }
+        context.out.say(takes::line(&take, &taken));
+        Ok(())
     }
-    let take = Take {
-        name: item.name.clone(),
-        gait: item.gait.clone(),
-        role: None,
-        duration: Duration::from_secs_f64(item.duration_s),
-        rate_hz: 100,
-        slot,
-        start_m: [0.0; 2],
-    };
-    let taken = takes::take(context, uri, set, &take)?;
-    context.out.say(takes::line(&take, &taken));
-    let again = "the same command goes on from here";
-    if taken.report.interrupted {
-        let text = format!("Ctrl-C: the robot was stopped; {again}");
-        return Err(Failure::say(Exit::Interrupted, text));
-    }
-    if !taken.is_kept() {
-        let text = format!("the run of {} ended early", item.name);
-        return Err(Failure::say(Exit::Refused, text)
-            .hint(format!("`rb-host log` tells what happened; {again}")));
-    }
-    Ok(())
 }
 
 /// The first empty slot.

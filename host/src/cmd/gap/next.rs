@@ -13,11 +13,6 @@ use super::{programme, report, shipped};
 use crate::failure::Outcome;
 use crate::gait_file;
 
-/// The first of the files that the user asked for: the motion gets its name and stands beside it.
-pub(super) fn beside(files: &[&Option<PathBuf>]) -> Option<PathBuf> {
-    files.iter().find_map(|f| (*f).clone())
-}
-
 /// Writes `text` beside `report` and returns the name of the file, without its folder: both move together.
 fn write(report: &Path, end: &str, text: &str) -> Outcome<Option<String>> {
     let path = report.with_extension(end);

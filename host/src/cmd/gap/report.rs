@@ -1,16 +1,19 @@
 //! `rb-host gap report` and `rb-host gap predict`.
 
-use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
+use gap::verdict::Verdict;
 use gap::vocabulary::Effect;
 use gap::{Diagnosis, Settings};
 
 use super::input::{self, Input};
 use super::next;
+use crate::cli::parse_duration;
 use crate::context::Context;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
+use crate::interrupt;
 
 /// Options of `gap report`.
 #[derive(Debug, clap::Args)]
@@ -33,12 +36,15 @@ pub(super) struct Args {
     /// Seed of global starts and bootstraps
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Stop the search after this many seconds and write what is there, marked as partial
-    #[arg(long, value_name = "S")]
-    time_limit: Option<f64>,
+    /// Stop the search after this time and write what is there, marked as partial
+    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    time_limit: Option<Duration>,
     /// Leave an effect out of the library (to check that the diagnosis then says "unknown")
     #[arg(long, value_name = "EFFECT", value_parser = effect)]
     withhold: Vec<Effect>,
+    /// Replace existing files
+    #[arg(long)]
+    force: bool,
     /// Start from an earlier diagnosis of the same joint (file written by --patch) and name only what came on top
     #[arg(long, value_name = "FILE")]
     baseline: Option<PathBuf>,
@@ -50,59 +56,140 @@ pub(super) struct PredictArgs {
     /// Folder with dataset.toml
     data: PathBuf,
     /// Patch written by `gap report --patch`; without it the data set is diagnosed first
-    #[arg(long, value_name = "FILE")]
-    model: Option<PathBuf>,
+    #[arg(long, alias = "model", value_name = "FILE")]
+    patch: Option<PathBuf>,
     /// Folder for the predicted CSV files
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
+    /// Replace files in a folder that is not empty
+    #[arg(long)]
+    force: bool,
 }
 
 fn effect(name: &str) -> Result<Effect, String> {
-    Effect::from_name(name)
-        .ok_or_else(|| format!("`{name}` is not in the effect vocabulary; see docs/diagnosis.md"))
+    Effect::from_name(name).ok_or_else(|| {
+        format!("`{name}` is not in the effect vocabulary; see docs/reference/effects.md")
+    })
 }
 
 fn diagnose(
     input: &Input,
     settings: &Settings,
-    limit_s: Option<f64>,
+    limit: Option<Duration>,
     context: &Context,
 ) -> Outcome<Diagnosis> {
     let start = Instant::now();
+    let _grace = interrupt::grace("stopping: the verdict so far is written, marked as partial");
+    let phase = context.out.phase("diagnosing");
     let watch = |next: &str| {
         context.out.detail(next);
-        let late = limit_s.is_some_and(|l| start.elapsed().as_secs_f64() > l);
-        !late && !crate::interrupt::pressed()
+        phase.set_message(next.to_owned());
+        let late = limit.is_some_and(|l| start.elapsed() > l);
+        !late && !interrupt::pressed()
     };
-    let mut d = gap::diagnose_watched(&input.manifest, &input.recordings, 0, settings, &watch)
-        .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?;
-    d.verdict.provenance.data_sha256.clone_from(&input.sha256);
-    d.verdict.provenance.commit = option_env!("RB_COMMIT").map(str::to_string);
-    d.verdict.provenance.wall_time_s = start.elapsed().as_secs_f64();
+    let diagnosed = gap::diagnose_watched(&input.manifest, &input.recordings, 0, settings, &watch);
+    phase.finish_and_clear();
+    let mut d = diagnosed.map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?;
+    let provenance = &mut d.verdict.provenance;
+    provenance.data_sha256.clone_from(&input.sha256);
+    provenance.warnings.clone_from(&input.warnings);
+    provenance.commit = option_env!("RB_COMMIT").map(str::to_string);
+    provenance.wall_time_s = start.elapsed().as_secs_f64();
     Ok(d)
 }
 
 pub(super) fn write(path: &Path, text: &str) -> Outcome {
-    fs::write(path, text)
-        .map_err(|e| Failure::say(Exit::Other, format!("cannot write {}: {e}", path.display())))
+    disk::write(path, text.as_bytes())
 }
 
-/// The data folder, and the file after `--json`, in whichever order they stand.
-fn places(args: &Args, context: &Context) -> Outcome<(PathBuf, Option<PathBuf>)> {
-    match args.paths.as_slice() {
-        [data] => Ok((data.clone(), args.json_file.clone())),
-        [a, b] if context.out.json && b.is_dir() && !a.is_dir() => Ok((b.clone(), Some(a.clone()))),
-        [a, b, ..] if context.out.json => Ok((a.clone(), Some(b.clone()))),
-        _ => Err(Failure::say(
-            Exit::Usage,
-            "give one data set folder, or DATA --json FILE",
-        )),
+/// The files that were asked for.
+struct Targets<'a> {
+    html: Option<&'a Path>,
+    json: Option<PathBuf>,
+    markdown: Option<&'a Path>,
+    patch: Option<&'a Path>,
+}
+
+/// What stands in them.
+struct Texts<'a> {
+    html: &'a dyn Fn() -> String,
+    patch: &'a dyn Fn() -> String,
+}
+
+impl<'a> Targets<'a> {
+    /// The data folder, and the files; the one after `--json` in whichever order they stand.
+    fn of(args: &'a Args, context: &Context) -> Outcome<(PathBuf, Self)> {
+        let (data, json) = match args.paths.as_slice() {
+            [data] => (data, args.json_file.clone()),
+            [a, b] if context.out.json && b.is_dir() && !a.is_dir() => (b, Some(a.clone())),
+            [a, b, ..] if context.out.json => (a, Some(b.clone())),
+            _ => {
+                return Err(Failure::say(
+                    Exit::Usage,
+                    "give one data set folder, or DATA --json FILE",
+                ));
+            }
+        };
+        let targets = Self {
+            html: args.output.as_deref(),
+            json,
+            markdown: args.markdown.as_deref(),
+            patch: args.patch.as_deref(),
+        };
+        Ok((data.clone(), targets))
+    }
+
+    /// Told before a search of minutes, not after it.
+    fn must_be_free(&self, force: bool) -> Outcome {
+        let asked = [self.html, self.json.as_deref(), self.markdown, self.patch];
+        for path in asked.into_iter().flatten() {
+            disk::must_be_free(path, force)?;
+        }
+        Ok(())
+    }
+
+    /// The first of the report files: what stands beside the report gets its name.
+    fn beside(&self) -> Option<PathBuf> {
+        let report = self.html.or(self.json.as_deref()).or(self.markdown);
+        report.map(Path::to_owned)
+    }
+
+    /// Writes the files, prints the verdict, and tells a script when it is that of a stopped search.
+    fn write(&self, verdict: &Verdict, texts: &Texts<'_>, context: &Context) -> Outcome {
+        let other = |e| Failure::new(Exit::Other, anyhow::Error::new(e));
+        let markdown = gap::report::markdown(verdict);
+        let put = |path: Option<&Path>, text: &dyn Fn() -> String| -> Outcome {
+            let Some(path) = path else { return Ok(()) };
+            write(path, &text())?;
+            context.out.wrote(path);
+            Ok(())
+        };
+        let json = serde_json::to_string_pretty(verdict).map_err(other)?;
+        put(self.html, texts.html)?;
+        put(self.json.as_deref(), &|| json.clone())?;
+        put(self.markdown, &|| markdown.clone())?;
+        put(self.patch, texts.patch)?;
+        if let (Some(report), Some(next)) = (self.beside(), &verdict.next_experiment)
+            && let Some(file) = &next.gait
+        {
+            context.out.wrote(&report.with_file_name(file));
+        }
+        let value = serde_json::to_value(verdict).map_err(other)?;
+        context.out.result("rb.gap/1", value, || markdown);
+        if interrupt::pressed() {
+            let message = match verdict.partial {
+                true => "Ctrl-C: the search was stopped, the verdict is partial",
+                false => "Ctrl-C came at the end of the search: the verdict is whole",
+            };
+            return Err(Failure::say(Exit::Interrupted, message));
+        }
+        Ok(())
     }
 }
 
 /// Reads a patch of `gap report --patch`.
 fn patch(path: &Path) -> Outcome<gap::joint::Params> {
-    let text = fs::read_to_string(path).map_err(|e| {
+    let text = disk::read_text(path, disk::MAX_TEXT).map_err(|e| {
         Failure::say(
             Exit::BadFile,
             format!("cannot read {}: {e}", path.display()),
@@ -116,7 +203,7 @@ fn run_whole(
     args: &Args,
     data: &Path,
     input: &Input,
-    json_file: Option<&Path>,
+    targets: &Targets<'_>,
     context: &Context,
 ) -> Outcome {
     if args.baseline.is_some() {
@@ -129,36 +216,28 @@ fn run_whole(
         seed: args.seed,
         withhold: args.withhold.clone(),
     };
-    let mut d = super::whole::run(data, input, &settings)?;
-    next::robot(
-        &mut d,
-        next::beside(&[&args.output, &json_file.map(Path::to_owned), &args.markdown]),
-    )?;
-    let v = d.verdict();
-    let json = serde_json::to_string_pretty(v).map_err(|e| Failure::new(Exit::Other, e))?;
-    let markdown = gap::report::markdown(v);
-    if let Some(path) = &args.output {
-        write(path, &d.html())?;
-    }
-    if let Some(path) = json_file {
-        write(path, &json)?;
-    }
-    if let Some(path) = &args.markdown {
-        write(path, &markdown)?;
-    }
-    if let Some(path) = &args.patch {
-        write(path, &d.patch().to_toml())?;
-    }
-    let value = serde_json::to_value(v).map_err(|e| Failure::new(Exit::Other, e))?;
-    context.out.result("rb.gap/1", value, || markdown);
-    Ok(())
+    let phase = context.out.phase("diagnosing the robot");
+    let diagnosed = {
+        // The search of a whole robot has no point yet at which it can be left with a verdict.
+        let _end = interrupt::at_once("stopped; nothing was written");
+        super::whole::run(data, input, &settings)
+    };
+    phase.finish_and_clear();
+    let mut d = diagnosed?;
+    next::robot(&mut d, targets.beside())?;
+    let texts = Texts {
+        html: &|| d.html(),
+        patch: &|| d.patch().to_toml(),
+    };
+    targets.write(d.verdict(), &texts, context)
 }
 
 pub(super) fn run(args: &Args, context: &Context) -> Outcome {
-    let (data, json_file) = places(args, context)?;
+    let (data, targets) = Targets::of(args, context)?;
+    targets.must_be_free(args.force)?;
     let input = input::read(&data, context)?;
     if input.manifest.joints() > 1 {
-        return run_whole(args, &data, &input, json_file.as_deref(), context);
+        return run_whole(args, &data, &input, &targets, context);
     }
     let settings = Settings {
         seed: args.seed,
@@ -167,38 +246,17 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
         ..Settings::default()
     };
     let mut d = diagnose(&input, &settings, args.time_limit, context)?;
-    next::bench(
-        &mut d,
-        next::beside(&[&args.output, &json_file, &args.markdown]),
-    )?;
-    let json =
-        serde_json::to_string_pretty(&d.verdict).map_err(|e| Failure::new(Exit::Other, e))?;
-    let markdown = gap::report::markdown(&d.verdict);
-    if let Some(path) = &args.output {
-        write(path, &gap::report::html(&d))?;
-    }
-    if let Some(path) = &json_file {
-        write(path, &json)?;
-    }
-    if let Some(path) = &args.markdown {
-        write(path, &markdown)?;
-    }
-    if let Some(path) = &args.patch {
-        write(path, &gap::patch::to_toml(&d))?;
-    }
-    let value = serde_json::to_value(&d.verdict).map_err(|e| Failure::new(Exit::Other, e))?;
-    context.out.result("rb.gap/1", value, || markdown);
-    Ok(())
+    next::bench(&mut d, targets.beside())?;
+    let texts = Texts {
+        html: &|| gap::report::html(&d),
+        patch: &|| gap::patch::to_toml(&d),
+    };
+    targets.write(&d.verdict, &texts, context)
 }
 
 fn predict_whole(args: &PredictArgs, input: &Input, context: &Context) -> Outcome {
-    let runs = super::whole::predict(&args.data, input, args.model.as_deref())?;
-    fs::create_dir_all(&args.output).map_err(|e| {
-        Failure::say(
-            Exit::Other,
-            format!("cannot make {}: {e}", args.output.display()),
-        )
-    })?;
+    let runs = super::whole::predict(&args.data, input, args.patch.as_deref())?;
+    disk::make_folder(&args.output)?;
     let mut written = Vec::new();
     for (name, text) in runs {
         let name = Path::new(&name)
@@ -216,11 +274,14 @@ fn predict_whole(args: &PredictArgs, input: &Input, context: &Context) -> Outcom
 }
 
 pub(super) fn predict(args: &PredictArgs, context: &Context) -> Outcome {
+    if !args.force {
+        disk::must_be_empty(&args.output)?;
+    }
     let input = input::read(&args.data, context)?;
     if input.manifest.joints() > 1 {
         return predict_whole(args, &input, context);
     }
-    let (problem, params) = match &args.model {
+    let (problem, params) = match &args.patch {
         Some(path) => {
             let params = patch(path)?;
             let problem = gap::joint::Problem::new(&input.manifest, &input.recordings, 0)
@@ -233,12 +294,7 @@ pub(super) fn predict(args: &PredictArgs, context: &Context) -> Outcome {
             (d.problem, params)
         }
     };
-    fs::create_dir_all(&args.output).map_err(|e| {
-        Failure::say(
-            Exit::Other,
-            format!("cannot make {}: {e}", args.output.display()),
-        )
-    })?;
+    disk::make_folder(&args.output)?;
     let mut written = Vec::new();
     for (i, run) in problem.runs.iter().enumerate() {
         let name = Path::new(&run.name)

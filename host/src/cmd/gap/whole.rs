@@ -7,11 +7,12 @@ use files::model::Model;
 use gap::whole::{Diagnosis, Film, Settings, diagnose};
 
 use super::input::Input;
+use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::searching::frames::Frames;
 
 fn text(path: &Path) -> Outcome<String> {
-    std::fs::read_to_string(path).map_err(|e| {
+    disk::read_text(path, disk::MAX_TEXT).map_err(|e| {
         Failure::say(
             Exit::BadFile,
             format!("cannot read {}: {e}", path.display()),
@@ -59,6 +60,7 @@ pub(super) fn run(data: &Path, input: &Input, settings: &Settings) -> Outcome<Di
         .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?;
     let provenance = &mut d.verdict_mut().provenance;
     provenance.data_sha256.clone_from(&input.sha256);
+    provenance.warnings.clone_from(&input.warnings);
     provenance.commit = option_env!("RB_COMMIT").map(str::to_string);
     provenance.wall_time_s = start.elapsed().as_secs_f64();
     Ok(d)

@@ -1,0 +1,76 @@
+//! `rb-trials run`: a verdict on every folder of a suite.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use anyhow::{Context, Result};
+
+use super::{diagnose, each, host};
+use crate::label;
+
+/// Options of `run`.
+#[derive(Debug, clap::Args)]
+pub(super) struct Args {
+    /// Folder whose folders are data sets
+    #[arg(value_name = "CASES")]
+    cases: PathBuf,
+    /// Folder for verdicts; a second run there goes on where the first one stopped
+    #[arg(short, long, value_name = "DIR")]
+    output: PathBuf,
+    /// The program that diagnoses; absent = rb-host beside this one
+    #[arg(long, value_name = "FILE")]
+    host: Option<PathBuf>,
+    /// Withhold the planted effect of every single of these labels: the diagnosis must then say "unknown"; nothing else is diagnosed
+    #[arg(long, value_name = "LABELS")]
+    leave_one_out: Option<PathBuf>,
+    /// Processes at once; 0 = one per core
+    #[arg(long, default_value_t = 0)]
+    jobs: usize,
+}
+
+/// Diagnoses.
+pub(super) fn run(args: &Args) -> Result<()> {
+    let host = host(args.host.as_ref())?;
+    let withheld: Option<BTreeMap<String, String>> = args
+        .leave_one_out
+        .as_ref()
+        .map(|path| -> Result<_> {
+            let singles = label::open(path)?
+                .0
+                .cases
+                .into_iter()
+                .filter(|l| l.kind == "single");
+            let effects = singles.filter_map(|l| Some((l.name, l.causes.first()?.effect.clone())));
+            Ok(effects.collect())
+        })
+        .transpose()?;
+    let entries = std::fs::read_dir(&args.cases)
+        .with_context(|| format!("cannot read {}", args.cases.display()))?;
+    let mut folders: Vec<PathBuf> = entries
+        .filter_map(|e| Some(e.ok()?.path()))
+        .filter(|p| p.join("dataset.toml").is_file())
+        .collect();
+    folders.sort();
+    std::fs::create_dir_all(&args.output)
+        .with_context(|| format!("cannot make {}", args.output.display()))?;
+    let failed = AtomicUsize::new(0);
+    each(folders.len(), args.jobs, |k| {
+        let name = folders[k].file_name().unwrap_or_default().to_string_lossy();
+        let effect = withheld.as_ref().map(|w| w.get(name.as_ref()));
+        let more = match effect {
+            Some(None) => return Ok(()),
+            Some(Some(effect)) => vec!["--withhold", effect.as_str()],
+            None => Vec::new(),
+        };
+        let verdict = args.output.join(format!("{name}.json"));
+        if !diagnose(&host, &folders[k], &verdict, &more)? {
+            eprintln!("no verdict on {name}: run `rb-host gap report` on its folder");
+            failed.fetch_add(1, Ordering::Relaxed);
+        }
+        Ok(())
+    })?;
+    let failed = failed.into_inner();
+    println!("{} folders, {failed} without a verdict", folders.len());
+    Ok(())
+}
