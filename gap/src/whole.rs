@@ -251,7 +251,7 @@ pub fn search_text(
     withhold: &[Effect],
 ) -> Result<String, WholeError> {
     let params = Arc::new(Params::try_from(model)?);
-    let data = Data::new(manifest, recordings);
+    let data = Data::new(manifest, recordings, model);
     let split = split(&data);
     let mut conventions = conventions::find(&data);
     let direct = direct::read(&data, &mut conventions, withhold);

@@ -254,6 +254,7 @@ impl Block {
         self.gram.iter_mut().for_each(|x| *x *= by);
         self.moment.iter_mut().for_each(|x| *x *= by);
         self.square *= by;
+        self.columns.iter_mut().for_each(|c| c.cost *= by);
         self
     }
 }

@@ -199,7 +199,7 @@ fn shared(effect: Option<Effect>, scope: Scope, parts: &[&Part], spread: f64, lo
         for (i, (entries, column)) in part.columns.iter().enumerate() {
             let [mean, sd] = column.prior;
             // Around a mean of 0 the size is the standard deviation, else the mean.
-            let apart = spread * if mean == 0.0 { 0.5 * sd } else { 0.5 * mean };
+            let apart = spread * if mean == 0.0 { 0.5 * sd } else { 2.0 * sd };
             out.latents[i].extend(scaled(entries, sd));
             out.latents.push(scaled(entries, apart));
             out.mean.extend(scaled(entries, mean));

@@ -11,7 +11,7 @@ use super::blocks::{self, body as body_block, position, torque};
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::direct::Reading;
-use super::nominal::{INTER, Nominal, nominal};
+use super::nominal::{Nominal, inter, nominal};
 use super::windows::{self, LinkMap, PERIOD_S, Window};
 use super::{body, servo};
 use crate::evidence::block::{Block, Column, Meaning, Owner, Segment, Site};
@@ -99,11 +99,11 @@ fn groups() -> Vec<Group> {
         scope,
         joints: joints.to_vec(),
     };
-    let intra: Vec<usize> = (0..JOINTS).filter(|k| !INTER.contains(k)).collect();
+    let (between, inside): (Vec<usize>, Vec<usize>) = (0..JOINTS).partition(|k| inter(*k));
     vec![
         of(Scope::All, &[0, 1, 2, 3, 4, 5]),
-        of(Scope::Kind, &INTER),
-        of(Scope::Kind, &intra),
+        of(Scope::Kind, &between),
+        of(Scope::Kind, &inside),
         of(Scope::Module, &[0, 1, 2]),
         of(Scope::Module, &[3, 4, 5]),
     ]
@@ -138,7 +138,7 @@ pub(super) struct Asked<'a> {
 }
 
 impl Asked<'_> {
-    fn limit_nm(&self, k: usize, servo: &Nominal) -> f64 {
+    fn limit_nm(&self, k: usize, servo: &Nominal) -> (f64, Option<f64>) {
         let all: Vec<f64> = self
             .runs
             .iter()
@@ -146,22 +146,20 @@ impl Asked<'_> {
             .flat_map(|e| e.v.into_iter().map(f64::abs))
             .collect();
         let top = crate::math::quantile(&all, 0.995);
+        let plain = 0.95 * servo.max_torque_nm;
         let near = all.iter().filter(|x| **x > 0.95 * top && **x < 1.02 * top).count() as f64;
         let below = all.iter().filter(|x| **x > 0.85 * top && **x <= 0.95 * top).count() as f64;
-        if near > 3.0 * below && near > 0.01 * all.len() as f64 {
-            0.95 * top
-        } else {
-            0.95 * servo.max_torque_nm
-        }
+        let plateau = near > 3.0 * below && near > 0.01 * all.len() as f64;
+        (if plateau { 0.95 * top } else { plain }, plateau.then_some(top))
     }
 
     fn position(&self, k: usize, loads: &Loads, start: &[(usize, f64)]) -> Option<Block> {
         let c = self.conventions;
         let servo = nominal(self.model, k);
         let echo = &c.echo[c.order[k]];
-        let speed = self.model.parameter(if INTER.contains(&k) { Key::InterSpeed } else { Key::IntraSpeed });
+        let speed = self.model.parameter(if inter(k) { Key::InterSpeed } else { Key::IntraSpeed });
         if std::env::var("RB_DEBUG").is_ok() { eprintln!("echo {k} {echo:?} slope {:?} off {}", c.slope[k], c.offset_rad[k]); }
-        let limit_nm = self.limit_nm(k, &servo);
+        let (limit_nm, _) = self.limit_nm(k, &servo);
         let efforts: Vec<Option<Track>> = self
             .runs
             .iter()
@@ -228,11 +226,20 @@ impl Asked<'_> {
                 })
             })
             .collect();
-        Some(Block::new(torque::raw(k, &inputs, &known)?, ORDER).with_model_error(env("DT", 0.04)))
+        Some(Block::new(torque::raw(k, &inputs, &known)?, ORDER).with_model_error(if tracked { env("DT", 0.03) } else { 0.3 }))
     }
 
     fn readings(&self) -> Vec<Block> {
         let mut out: Vec<Block> = self.direct.iter().map(reading).collect();
+        for k in 0..JOINTS {
+            let servo = nominal(self.model, k);
+            let (_, plateau) = self.limit_nm(k, &servo);
+            if let Some(nm) = plateau.filter(|nm| *nm < servo.at_limit_nm()[0]) {
+                let half = 0.04 * nm;
+                let estimate = super::direct::exact(nm, half);
+                out.push(reading(&Reading { effect: Effect::TorqueLimit, joint: Some(k), key: "limit_nm", estimate, gain: 0.0 }));
+            }
+        }
         if self.conventions.mixed() {
             out.push(sure(Effect::JointOrder, None, "permutation"));
         }
@@ -286,6 +293,7 @@ const SURE: f64 = 20.0;
 /// A number that was read off the signals, as a block of one row.
 fn reading(r: &Reading) -> Block {
     let neutral = match r.key {
+        "limit_nm" => r.estimate.value + 5.0 * (r.estimate.ci95[1] - r.estimate.value),
         "ratio" => 1.0,
         "value_v" => 12.0,
         _ => 0.0,
@@ -326,23 +334,26 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Expla
     let mut starts = Starts::default();
     let mut out: Option<Explained> = None;
     let mut tier = tier;
+    let mut world: Option<(Vec<(usize, f64)>, Loads, Option<Block>)> = None;
     for _ in 0..PASSES {
-        let mut params = Arc::clone(asked.params);
-        let mut maps = plain;
-        if let Some(tier) = tier.as_ref() {
+        if world.as_ref().is_none_or(|w| w.0 != starts.body) {
             let theta = body_block::placed(&moves, &neutral, &starts.body);
-            (params, maps) = (Arc::new(tier.params(&theta)), tier.links(&theta));
+            let (params, maps) = match tier.as_ref() {
+                Some(tier) => (Arc::new(tier.params(&theta)), tier.links(&theta)),
+                None => (Arc::clone(asked.params), plain),
+            };
+            let mut loads = Loads::new(asked.data, &params, &maps);
+            let mut body = None;
+            if let Some(tier) = tier.as_mut() {
+                tier.among(&theta);
+                loads = loads.with_body(asked.data, tier, &moves, &theta, &starts.body);
+                let block = body_block::block(tier, &moves, &neutral, &starts.body);
+                body = Some(block.with_model_error(env("DB", 0.03)));
+            }
+            world = Some((starts.body.clone(), loads, body));
         }
-        let mut loads = Loads::new(asked.data, &params, &maps);
-        let mut body = None;
-        if let Some(tier) = tier.as_mut() {
-            let theta = body_block::placed(&moves, &neutral, &starts.body);
-            tier.among(&theta);
-            loads = loads.with_body(asked.data, tier, &moves, &theta, &starts.body);
-            let block = body_block::block(tier, &moves, &neutral, &starts.body);
-            body = Some(block.with_model_error(env("DB", 0.03)));
-        }
-        let blocks = asked.blocks(&loads, body, &starts.joints);
+        let Some((_, loads, body)) = &world else { break };
+        let blocks = asked.blocks(loads, body.clone(), &starts.joints);
         let all = causes(&blocks, &groups(), asked.withhold);
         let always = shared_slack(&blocks);
         let problem = Problem {
@@ -369,7 +380,7 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Expla
 }
 
 /// Passes of search and linearisation.
-const PASSES: usize = 4;
+const PASSES: usize = 3;
 
 /// Coefficients that blocks are linearised around.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -1,6 +1,6 @@
 //! The base given the joints: poses of short windows, restarted from the measured state and led along the measured angles.
 
-use crate::evidence::block::{Block, Column, Meaning, Segment, Site};
+use crate::evidence::block::{Block, Column, Segment, Site};
 use crate::vocabulary::{Effect, Stage};
 use files::model::{Key, Model};
 use rayon::prelude::*;
@@ -78,12 +78,6 @@ pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
     friction.parameter.scale = mu;
     // Downwards: a ground that holds well holds no better with more friction.
     out.push(slope(friction, b(B::Friction), -0.15).loading());
-    for (shape, ratio) in [0.25, 0.4, 0.6, 1.5, 2.2].into_iter().enumerate() {
-        out.push(whole(
-            Column::played(Effect::GroundFriction, "coefficient", mu, mu * ratio, shape + 1),
-            vec![(b(B::Friction), ratio - 1.0)],
-        ).loading());
-    }
     let bounce = model.value(Key::Bounce);
     out.push(slope(
         Column::linear(Effect::Restitution, "coefficient", bounce, 0.3).with_slack(sigma(B::Bounce).max(0.03)),
@@ -106,7 +100,7 @@ pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
     }
     for (shape, m) in [0.004, 0.01, 0.03].into_iter().enumerate() {
         out.push(whole(
-            Column::played(Effect::TorsionalFriction, "coefficient_m", 0.0, m, shape).with_slack(if shape == 0 { 1.5 } else { 0.0 }),
+            Column::played(Effect::TorsionalFriction, "coefficient_m", 0.0, m, shape).with_slack(if shape == 1 { 1.2 } else { 0.0 }),
             vec![(b(B::Torsion), m)],
         ));
     }

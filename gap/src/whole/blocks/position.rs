@@ -25,9 +25,10 @@ const DELAYS_S: [f64; 10] = [0.006, 0.01, 0.015, 0.022, 0.032, 0.045, 0.065, 0.0
 const LAGS_S: [f64; 8] = [0.008, 0.014, 0.024, 0.04, 0.065, 0.11, 0.18, 0.3];
 /// Half widths of dead bands that are played, rad.
 const BANDS_RAD: [f64; 9] = [0.002, 0.0035, 0.006, 0.01, 0.017, 0.03, 0.05, 0.08, 0.13];
-/// Speed limits that are played, as shares of the nominal one.
-const SPEEDS: [f64; 14] = [
-    0.05, 0.065, 0.085, 0.11, 0.14, 0.18, 0.22, 0.28, 0.35, 0.44, 0.55, 0.66, 0.78, 0.9,
+/// Speed limits that are played, rad/s; a factor of 1.2 apart.
+const SPEEDS_RAD_S: [f64; 21] = [
+    0.06, 0.072, 0.086, 0.104, 0.124, 0.149, 0.179, 0.215, 0.258, 0.31, 0.37, 0.45, 0.53, 0.64,
+    0.77, 0.92, 1.11, 1.33, 1.6, 1.92, 2.3,
 ];
 /// Steps of coarse set-points that are played, rad: 4 % apart, because steps of another size fall out of time after a few.
 const COARSEST_RAD: f64 = 0.25;
@@ -80,7 +81,7 @@ struct Grid {
 }
 
 /// The servo: `v = clamp(P (c - q))` with what may be different about it. Neutral values are those of the nominal model.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 struct Law {
     gain: f64,
     most: f64,
@@ -97,6 +98,10 @@ struct Law {
     feedback_delay_s: f64,
     lag_s: f64,
     droop: f64,
+    /// Drift of the zero, rad/s.
+    drift: f64,
+    /// Gain for positive errors over that for negative ones, less one.
+    lopsided: f64,
 }
 
 impl Law {
@@ -170,7 +175,9 @@ impl Grid {
             out.push(q);
             let seen = out[i.saturating_sub(back)];
             // Half a step of the loop's own answer makes the explicit law second order.
-            let wanted = gain * law.error(c, seen) / (1.0 + 0.5 * gain * h);
+            let error = law.error(c + law.drift * i as f64 * h, seen);
+            let side = if error > 0.0 { 1.0 + law.lopsided } else { 1.0 };
+            let wanted = side * gain * error / (1.0 + 0.5 * gain * h);
             v += blend * (wanted.clamp(-most, most) - v);
             q += h * (v - law.droop * self.load[i]);
         }
@@ -194,6 +201,63 @@ impl Grid {
     }
 }
 
+/// Shares of lost set-points between which a loss is tried: one in a hundred is a damaged frame now and then.
+const LEAST_LOST: f64 = 0.005;
+const MOST_LOST: f64 = 0.5;
+/// Logarithm of the likelihood ratio from which a set-point counts as lost: one of 240 in a run by chance at 3.
+const LOST: f64 = 6.0;
+/// Time after a set-point in which its loss shows, s.
+const SHOWS_S: f64 = 0.3;
+
+impl Grid {
+    /// What the set-points that were lost change at the compared angles, how many they are, and of how many.
+    fn lost(&self, law: &Law) -> (Vec<f64>, f64, f64) {
+        let plain = self.simulated(law);
+        let left: Vec<f64> = self.q.iter().zip(&plain).map(|(q, p)| q - p).collect();
+        let mut jumps: Vec<f64> = left.windows(self.stride + 1).map(|w| (w[self.stride] - w[0]).abs()).collect();
+        jumps.sort_by(f64::total_cmp);
+        // Median absolute deviation of the change of the errors, as that of a normal distribution.
+        let noise = jumps.get(jumps.len() / 2).map_or(0.0, |m| m / 0.6745) + LEAST_RAD;
+        let gain = law.gain * law.ratio;
+        let span = (SHOWS_S / STEP_S) as usize;
+        let mut out = vec![0.0; self.q.len()];
+        let (mut missed, mut sent) = (0.0, 0.0);
+        let events: Vec<(f64, f64)> = self.command.t_s.iter().copied().zip(self.command.v.iter().copied()).collect();
+        for e in events.windows(3) {
+            let [before, now, next] = [e[0], e[1], e[2]];
+            let late = next.0 - now.0;
+            let from = (((now.0 + law.delay_s - self.from_s) / STEP_S).max(0.0)) as usize;
+            sent += 1.0;
+            // The angle stays behind while the set-point is missing, and comes back with the loop's rate.
+            let jump = (before.1 - now.1) * law.scale;
+            let shape = |i: usize| {
+                let t = i as f64 * STEP_S;
+                let held = libm::exp(-gain * (t - late).max(0.0));
+                jump * (1.0 - libm::exp(-gain * t.min(late))) * held
+            };
+            let end = (from + span).min(self.q.len());
+            if end <= from || jump.abs() < noise {
+                continue;
+            }
+            let rows = (from..end).step_by(self.stride);
+            let level = left[from.min(left.len() - 1)];
+            let score: f64 = rows
+                .map(|i| {
+                    let u = shape(i - from);
+                    ((left[i] - level) * u - 0.5 * u * u) / (noise * noise)
+                })
+                .sum();
+            if score > LOST {
+                missed += 1.0;
+                for (i, slot) in out[from..end].iter_mut().enumerate() {
+                    *slot += shape(i);
+                }
+            }
+        }
+        (self.compared(&out), missed, sent)
+    }
+}
+
 fn less(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a - b).collect()
 }
@@ -214,6 +278,8 @@ enum Change {
     Lag(f64),
     /// Speed limit, as a share of the nominal one that is lost.
     Limit(f64),
+    Drift,
+    Lopsided,
 }
 
 impl Change {
@@ -233,6 +299,8 @@ impl Change {
                 law.feedback_delay_s = (law.feedback_delay_s + size * by).max(0.0);
             }
             Self::Lag(size) => law.lag_s = (law.lag_s + size * by).max(0.0),
+            Self::Drift => law.drift += by,
+            Self::Lopsided => law.lopsided += by,
             Self::Limit(size) => law.share = (law.share - size * by).max(0.01),
         }
         law
@@ -338,14 +406,17 @@ fn driver(known: &Known, out: &mut Vec<Shape>) {
         let column = Column::played(Effect::MotorLag, "time_constant_s", 0.0, lag, i);
         out.push(shape(column, Change::Lag(lag), 1.0));
     }
+    out.push(shape(Column::open(0, 0.005).with_slack(1e-4), Change::Drift, 0.001));
+    out.push(shape(Column::open(1, 0.3).with_slack(0.02), Change::Lopsided, 0.1));
     let most = known.nominal.max_speed_rad_s;
     let within = 1.0 - 3.0 * known.speed_tolerance;
-    for (i, share) in SPEEDS.into_iter().enumerate().filter(|s| s.1 < within) {
+    let limits = SPEEDS_RAD_S.into_iter().enumerate();
+    for (i, limit) in limits.filter(|s| s.1 < within * most) {
         let column = Column {
             prior: [1.0, 0.1],
-            ..Column::played(Effect::VelocityLimit, "limit_rad_s", most, share * most, i)
+            ..Column::played(Effect::VelocityLimit, "limit_rad_s", most, limit, i)
         };
-        out.push(shape(column, Change::Limit(1.0 - share), 1.0));
+        out.push(shape(column, Change::Limit(1.0 - limit / most), 1.0));
     }
 }
 
@@ -433,6 +504,8 @@ pub(in crate::whole) fn raw(
         feedback_delay_s: 0.0,
         lag_s: 0.0,
         droop: 0.0,
+        drift: 0.0,
+        lopsided: 0.0,
     };
     let mut all = shapes(known);
     if !known.echoed && !known.applied {
@@ -444,18 +517,37 @@ pub(in crate::whole) fn raw(
             all.push(shape(column, Change::Step(step), 1.0));
         }
     }
+    let heard = known.echoed || known.applied;
     let there = start.iter().fold(base, |law, (c, by)| all[*c].change.on(law, *by));
     let mut segments = Vec::new();
-    for grid in &grids {
+    let lost: Vec<(Vec<f64>, f64, f64)> = grids.iter().map(|g| g.lost(&there)).collect();
+    let [missed, sent] = [1, 2].map(|i| lost.iter().map(|l| if i == 1 { l.1 } else { l.2 }).sum::<f64>());
+    let share = missed / sent.max(1.0);
+    if std::env::var("RB_DEBUG").is_ok() { eprintln!("lost {joint} {missed} {sent}"); }
+    let loses = !heard && (LEAST_LOST..MOST_LOST).contains(&share);
+    for (grid, lost) in grids.iter().zip(&lost) {
         let plain = grid.compared(&grid.simulated(&there));
         let column = |(c, s): (usize, &Shape)| -> Vec<f64> {
-            // What is in the law already is taken away, so that the errors with and without it are as they are played.
+            // What is in the law already is taken away, so that the errors with and without it are as they are played; another
+            // shape of its effect stands in its place.
             let within = start.iter().find(|x| x.0 == c && x.1.abs() > 1e-9);
             let step = within.map_or(s.step, |x| -x.1);
-            let moved = grid.compared(&grid.simulated(&s.change.on(there, step)));
+            let rivals = start.iter().filter(|x| {
+                within.is_none() && all[x.0].column.meaning == s.column.meaning
+            });
+            let from = rivals.fold(there, |law, (c, by)| all[*c].change.on(law, -by));
+            let plain = if from == there {
+                plain.clone()
+            } else {
+                grid.compared(&grid.simulated(&from))
+            };
+            let moved = grid.compared(&grid.simulated(&s.change.on(from, step)));
             less(&moved, &plain).iter().map(|x| x / step).collect()
         };
-        let x: Vec<Vec<f64>> = all.iter().enumerate().map(column).collect();
+        let mut x: Vec<Vec<f64>> = all.iter().enumerate().map(column).collect();
+        if loses {
+            x.push(lost.0.clone());
+        }
         let mut y = less(&grid.compared(&grid.q), &plain);
         for (c, by) in start {
             y.iter_mut().zip(&x[*c]).for_each(|(y, x)| *y += by * x);
@@ -467,7 +559,14 @@ pub(in crate::whole) fn raw(
         });
     }
     let spread = spread_rad(&grids);
-    let columns = all.into_iter().map(|a| a.column).collect();
+    let mut columns: Vec<Column> = all.into_iter().map(|a| a.column).collect();
+    if loses {
+        columns.push(Column {
+            prior: [1.0, 0.1],
+            cost: missed * (1.0 - libm::log(share)),
+            ..Column::played(Effect::PacketLoss, "probability", 0.0, share, 0)
+        });
+    }
     (!segments.is_empty()).then_some(Raw {
         site: Site {
             stage: Stage::Driver,

@@ -13,6 +13,7 @@ const HALF_S: f64 = 0.05;
 const LEAST_NM: f64 = 0.02;
 /// Speed at which dry friction has turned over, rad/s: slower is what an encoder of 1 mrad shows over 0.1 s.
 const TURN_RAD_S: f64 = 0.02;
+const SLOW_RAD_S: f64 = 0.1;
 /// Speeds of the Stribeck curve that are played, rad/s.
 const STRIBECK_RAD_S: [f64; 4] = [0.03, 0.06, 0.12, 0.25];
 /// Periods of a ripple per turn.
@@ -95,7 +96,7 @@ fn term(column: Column, of: impl Fn(&Row) -> f64 + 'static) -> Term {
 }
 
 /// Friction in the gear.
-fn friction(damping_nm_s: f64) -> Vec<Term> {
+fn friction(damping_nm_s: f64, sense: f64) -> Vec<Term> {
     let mut out = vec![
         term(
             Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 0.5)
@@ -113,11 +114,20 @@ fn friction(damping_nm_s: f64) -> Vec<Term> {
             Column::linear(Effect::QuadraticFriction, "nm_s2_rad2", 0.0, 0.5).at_least_neutral(),
             |r| r.v * r.v.abs(),
         ),
+        // The same turned over more slowly, as bristles and encoders of low resolution have it.
+        term(
+            Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 0.5).shaped(1, &[]).at_least_neutral(),
+            |r| r.v / libm::hypot(r.v, SLOW_RAD_S),
+        ),
         term(
             Column::linear(Effect::LoadDependentFriction, "fraction", 0.0, 0.3)
                 .with_slack(0.01)
                 .at_least_neutral(),
             |r| r.load.abs() * r.side,
+        ),
+        term(
+            Column::linear(Effect::LoadDependentFriction, "fraction", 0.0, 0.3).shaped(1, &[]).at_least_neutral(),
+            |r| r.load.abs() * r.v / libm::hypot(r.v, SLOW_RAD_S),
         ),
         term(
             Column::linear(Effect::AsymmetricFriction, "difference_nm", 0.0, 0.4).with_slack(0.02),
@@ -128,6 +138,18 @@ fn friction(damping_nm_s: f64) -> Vec<Term> {
             |r| 0.5 * r.v.abs(),
         ),
     ];
+    // A friction of one direction alone, the one that shows: it cannot push where the other has none.
+    let one = |key| {
+        let mut column = Column::linear(Effect::AsymmetricFriction, key, 0.0, 0.4);
+        column.parameter.scale = sense;
+        column.shaped(1, &[]).at_least_neutral()
+    };
+    out.push(term(one("difference_nm"), move |r| {
+        0.5 * sense * (sense * r.side).max(0.0)
+    }));
+    out.push(term(one("difference_nm_s_rad"), move |r| {
+        0.5 * sense * (sense * r.v).max(0.0)
+    }));
     if damping_nm_s > 0.0 {
         let mut column =
             Column::linear(Effect::DampingGain, "ratio", 1.0, 0.5).at_least_neutral();
@@ -174,7 +196,7 @@ fn open(length_s: f64, middle_rad: f64, load_nm: f64) -> Vec<Term> {
         term(Column::open(1, 0.3), move |r| r.t_s / length_s - 0.5),
         term(Column::open(2, 0.5), move |r| r.q - middle_rad),
     ];
-    for n in 1..=6_usize {
+    for n in 1..=12_usize {
         let of = n as f64;
         out.push(term(Column::open(2 + n, 0.2), move |r| r.side * libm::sin(of * r.q)));
         out.push(term(Column::open(2 + n, 0.2), move |r| r.side * libm::cos(of * r.q)));
@@ -186,6 +208,27 @@ fn open(length_s: f64, middle_rad: f64, load_nm: f64) -> Vec<Term> {
     out
 }
 
+/// Sense of the motion in which the motor gives more than the load, over what it gives in the other.
+fn sense(inputs: &[Input<'_>], damping_nm_s: f64) -> f64 {
+    let mut sums = [(0.0, 1e-9); 2];
+    for input in inputs {
+        for r in rows(input) {
+            let effort = input.effort.line(r.t_s, HALF_S).map_or(f64::NAN, |l| l.0);
+            let left = effort - r.load - damping_nm_s * r.v;
+            if left.is_finite() && r.v.abs() > SLOW_RAD_S {
+                let s = &mut sums[usize::from(r.v < 0.0)];
+                s.0 += left * r.v.signum();
+                s.1 += 1.0;
+            }
+        }
+    }
+    if sums[0].0 / sums[0].1 >= sums[1].0 / sums[1].1 {
+        1.0
+    } else {
+        -1.0
+    }
+}
+
 /// The block of joint `joint`; `None` without a run that is long enough.
 pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -> Option<Raw> {
     let mut columns = Vec::new();
@@ -194,10 +237,11 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
     let middle = crate::math::mean(&middles);
     let all: Vec<f64> = inputs.iter().flat_map(|i| i.load_nm[0].iter().copied()).collect();
     let load_nm = crate::math::rms(&all);
+    let sense = sense(inputs, known.damping_nm_s);
     for input in inputs {
         let rows = rows(input);
         let Some(last) = rows.last() else { continue };
-        let mut terms = friction(known.damping_nm_s);
+        let mut terms = friction(known.damping_nm_s, sense);
         terms.extend(ripple(load_nm));
         terms.extend(open(last.t_s.max(1.0), middle, load_nm));
         terms.push(term(
