@@ -199,6 +199,7 @@ impl Plan {
                 sigmas: off.reduce(f64::max),
                 delta_chi2: *full,
                 delta_chi2_refitted: *left,
+                delta_chi2_rival: None,
             })
         });
         let recorded = Signal::ALL.iter().filter(|s| !self.without.contains(s));
