@@ -67,7 +67,7 @@ fn robotis_sdk_for_python_drives_the_motors() {
     }
 }
 
-/// A client of the host link that was written from `docs/protocol.md` alone, in plain Python, against `rb-host emulate robot --tcp`.
+/// A client of the host link that was written from `docs/reference/protocol.md` alone, in plain Python, against `rb-host emulate robot --tcp`.
 #[test]
 fn a_client_written_from_the_page_alone_runs_the_robot() {
     let name = "a_client_written_from_the_page_alone_runs_the_robot";

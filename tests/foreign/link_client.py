@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A client of the host link, written from docs/protocol.md alone: nothing of this repository is imported.
+"""A client of the host link, written from docs/reference/protocol.md alone: nothing of this repository is imported.
 
     link_client.py HOST:PORT    hello, key, home, upload, start with proof, live samples, record, change of gait, stop with proof
 
