@@ -39,6 +39,8 @@ const CLEAN_SOURCES: &[&str] = &[
     "control",
     "files",
     "firmware",
+    "hil-sim",
+    "host",
     "optimise",
     "peers",
     "physics",
@@ -46,6 +48,7 @@ const CLEAN_SOURCES: &[&str] = &[
     "qemu-shim",
     "swarm",
     "tests",
+    "trials",
     "xtask",
 ];
 

@@ -6,8 +6,8 @@ use std::time::Duration;
 use control::gait::Gait;
 use indicatif::ProgressBar;
 use protocol::link::{
-    Digest, EndReason, FromModule, ModuleState, RunEnd, Sample, SampleBlock, Tag, TelemetryRate,
-    ToModule,
+    Digest, EndReason, EventKind, FromModule, ModuleState, RunEnd, Sample, SampleBlock, Tag,
+    TelemetryRate, ToModule,
 };
 
 use crate::context::Context;
@@ -84,6 +84,8 @@ struct Run<'a> {
     reconnects: u32,
     dropped: u32,
     next_beat: Duration,
+    /// Somebody changed the gait in this run: its set-points are not those of the order's gait.
+    changed: bool,
     bar: ProgressBar,
 }
 
@@ -118,6 +120,7 @@ pub fn run(
         reconnects: 0,
         dropped: 0,
         next_beat: Duration::ZERO,
+        changed: false,
         bar,
     };
     let result = run.go();
@@ -293,6 +296,7 @@ impl Run<'_> {
             FromModule::Sample(sample) => self.sample(&sample)?,
             FromModule::SampleBlock(block) => self.block(&block)?,
             FromModule::Event(event) => {
+                self.changed |= matches!(event.kind, EventKind::GaitChanged { .. });
                 let row = telemetry::event_row(self.run, &event);
                 self.context.out.detail(format_args!(
                     "{:>10.3} s  {:12} {}",
@@ -439,7 +443,12 @@ impl Run<'_> {
             reconnects: self.reconnects,
             setpoint_crc32c: end.map_or(0, |e| e.setpoint_crc32c),
         };
-        if let Some(start_us) = self.first_tick_us {
+        if self.changed {
+            self.context.out.warn(format_args!(
+                "the gait was changed in mid-run: the recording has no set-points of this computer's law"
+            ));
+        }
+        if let Some(start_us) = self.first_tick_us.filter(|_| !self.changed) {
             let (run, gait) = (self.run, &self.order.gait);
             if let Some(recorder) = self.recorder.as_deref_mut() {
                 recorder

@@ -4,7 +4,7 @@
 //! * [`bus`]: module to motor drivers, Dynamixel Protocol 2.0 over RS485.
 //!
 //! Nothing here reads a clock, a port or a random source: time, bytes and nonces are arguments. Nothing here can panic or allocate.
-//! `docs/protocol.md` is the description for people.
+//! `docs/reference/protocol.md` is the description for people.
 #![no_std]
 #![forbid(unsafe_code)]
 #![cfg_attr(

@@ -184,8 +184,9 @@ def differences(a, b, columns, noise, base_every):
     return out
 
 
-def evidence(clean, alike, without, nuisances, columns, noise, base_every, rate):
-    """Per cause how much chi-square it adds, and what stays once the nominal numbers (each in units of its tolerance) are fitted in its place.
+def evidence(clean, alike, without, rivals, nuisances, columns, noise, base_every, rate):
+    """Per cause how much chi-square it adds, what stays once the nominal numbers (each in units of its tolerance) are fitted in its place, and
+    what stays beside the best of its `rivals` as well, of any size; none without a rival.
     Noise: of the columns, and what the robots `alike` differ by, which counts as one sample as long as it lasts."""
     flat = lambda logs: [d for a, b in zip(clean, logs) for d in differences(a, b, columns, noise, base_every)]
     apart = [flat(logs) for logs in alike]
@@ -199,12 +200,20 @@ def evidence(clean, alike, without, nuisances, columns, noise, base_every, rate)
         weights.append(1.0 / math.sqrt(sigma**2 + float(np.mean(rows**2)) * max(lasts * per, 1.0)))
     stack = lambda logs: np.concatenate([d[0] * weights[i % channels] for i, d in enumerate(flat(logs))])
     jacobian = np.stack([stack(n) for n in nuisances], 1)
-    normal = jacobian.T @ jacobian + np.eye(jacobian.shape[1])
+
+    def left(d, directions):
+        """Chi-square of `d` once nominal numbers and free directions are fitted."""
+        j = np.column_stack([jacobian, *directions])
+        held = np.ones(j.shape[1])
+        held[jacobian.shape[1]:] = 1e-6
+        right = j.T @ d
+        return max(float(d @ d - right @ np.linalg.solve(j.T @ j + np.diag(held), right)), 0.0)
+
     out = []
-    for logs in without:
+    for logs, others in zip(without, rivals):
         d = stack(logs)
-        moved = np.linalg.solve(normal, jacobian.T @ d)
-        out.append((float(d @ d), float(d @ d - (jacobian.T @ d) @ moved)))
+        beside = [left(d, [d - stack(o)]) for o in others]
+        out.append((float(d @ d), left(d, []), min(beside) if beside else None))
     return out
 
 

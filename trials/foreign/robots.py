@@ -175,6 +175,51 @@ ALSO = {
 }
 
 
+# What a cause may be taken for, where it sits.
+RIVALS = {
+    "joint_scale": ["loop_gain"], "joint_offset": ["backlash", "zero_drift"], "latency": ["feedback_delay", "motor_lag", "loop_gain"],
+    "jitter": ["latency", "packet_loss"], "packet_loss": ["jitter", "latency"], "quantisation": ["deadband"], "loop_gain": ["motor_lag", "latency", "feedback_delay"],
+    "deadband": ["backlash", "quantisation"], "velocity_limit": ["torque_limit", "loop_gain"], "feedback_delay": ["latency", "motor_lag", "loop_gain"],
+    "motor_lag": ["latency", "feedback_delay", "loop_gain"], "speed_droop": ["loop_gain", "velocity_limit"], "motor_constant": ["winding_resistance", "supply_voltage"],
+    "winding_resistance": ["motor_constant", "supply_voltage"], "current_limit": ["velocity_limit", "speed_droop"], "torque_limit": ["velocity_limit", "speed_droop"],
+    "thermal_derating": ["torque_limit"], "coulomb_friction": ["viscous_friction", "load_dependent_friction", "stribeck_friction"],
+    "viscous_friction": ["coulomb_friction", "quadratic_friction"], "stribeck_friction": ["coulomb_friction", "backlash"],
+    "load_dependent_friction": ["coulomb_friction", "mass"], "asymmetric_friction": ["coulomb_friction", "cable_tether"],
+    "quadratic_friction": ["viscous_friction", "coulomb_friction"], "torque_ripple": ["position_friction"], "inertia": ["motor_lag", "viscous_friction"],
+    "backlash": ["deadband", "compliance", "joint_offset"], "compliance": ["backlash", "connector_compliance"], "clock_skew": ["latency"],
+    "supply_voltage": ["supply_sag"], "supply_sag": ["supply_voltage"], "connector_compliance": ["connector_play", "compliance"],
+    "connector_play": ["connector_compliance", "backlash"], "ground_friction": ["mass", "torsional_friction", "friction_anisotropy"],
+    "friction_anisotropy": ["ground_friction", "torsional_friction"], "torsional_friction": ["ground_friction", "friction_anisotropy"],
+    "restitution": ["ground_compliance"], "ground_slope": ["com_offset"], "ground_compliance": ["restitution", "ground_friction"],
+    "mass": ["ground_friction", "load_dependent_friction"], "com_offset": ["ground_slope", "body_mass"], "body_mass": ["load_dependent_friction", "ground_slope"],
+    "payload": ["load_dependent_friction", "ground_slope"],
+}
+
+
+def rivals(cause):
+    """Small causes that this one may be taken for, on its joints, or on all where only the rival has joints."""
+    out = []
+    for effect in RIVALS.get(cause["effect"], []):
+        stage, key, low, high, form, _ = (JOINT_EFFECTS | ROBOT_EFFECTS | OUTSIDE)[effect]
+        rng = np.random.default_rng(1)
+        # Where a large number is a small cause, its high end.
+        v = value(rng, *((0.7 * high, high) if key in ("limit_rad_s", "limit_nm", "stiffness_nm_rad", "stiffness_n_m") else (2 * low, 4 * low)), form, False)
+        rival = {"effect": effect, "stage": stage, "joints": [], "values": {}}
+        if effect in ROBOT_EFFECTS:
+            robot_values(rng, rival, key, v, False)
+        else:
+            rival["joints"] = cause["joints"] or list(EVERY)
+            joints = [str(j) for j in rival["joints"]]
+            rival["values"][key] = {"value": v, "by_joint": dict.fromkeys(joints, v)}
+            if effect in SECOND:
+                more = {"velocity_rad_s": 0.08, "periods": 6, "rest_rad": 0.2, "time_constant_s": 4.0}[SECOND[effect][0]]
+                rival["values"][SECOND[effect][0]] = {"value": more, "by_joint": dict.fromkeys(joints, more)}
+            if effect == "torque_ripple":
+                rival["values"]["phase_rad"] = {"value": 0.0, "by_joint": dict.fromkeys(joints, 0.0)}
+        out.append(rival)
+    return out
+
+
 def value(rng, low, high, form, moderate):
     """A size in its form."""
     if form == "plain" and low < 0:

@@ -138,6 +138,29 @@ def generate(engine, out, seed, number, kind, most):
     raise SystemExit(f"robot {number} cannot be played")
 
 
+def with_rival(robot, rival):
+    """A robot with one more cause."""
+    out = robot.copy()
+    R.plant(out, rival)
+    return out
+
+
+def note_evidence(d, causes, clean, forked, sizes, scale):
+    """Writes into the causes how much of them shows. `sizes`: how many of the forks are alike, without a cause, with a rival in its place."""
+    by = [[f[k] for f in forked] for k in range(len(forked[0]))]
+    alike, less, rivals = sizes
+    parts, at = [by[:alike], by[alike: alike + less]], alike + less
+    beside = []
+    for n in rivals:
+        beside.append(by[at: at + n])
+        at += n
+    found = recording.evidence(clean, *parts, beside, by[at:], d["columns"], d["noise"], d["base_every"], d["rate"])
+    for c, (full, left, rival) in zip(causes, found):
+        c["delta_chi2"], c["delta_chi2_refitted"] = round(scale * full, 2), round(scale * left, 2)
+        if rival is not None:
+            c["delta_chi2_rival"] = round(scale * rival, 2)
+
+
 def play_all(engine, out, number, d, most):
     """Plays and writes a drawn robot."""
     rng, causes, rate, contact = d["rng"], d["causes"], d["rate"], d["contact"]
@@ -152,8 +175,8 @@ def play_all(engine, out, number, d, most):
             if other is not c:
                 R.plant(r, other)
         less.append(r)
-    alike = repeats(engine, robot, contact)
-    others = [*alike, *less, *off_nominal(robot, d["tolerances"])] if causes else []
+    alike, rivals = repeats(engine, robot, contact), [[with_rival(r, x) for x in R.rivals(c)] for c, r in zip(causes, less)]
+    others = [*alike, *less, *(r for one in rivals for r in one), *off_nominal(robot, d["tolerances"])] if causes else []
     name = f"r{number:04}"
     gaits, seconds = int(rng.integers(most[0], most[1] + 1)), float(rng.choice([10.0, 11.0, 12.0]))
     text = ["format = 1", 'robot = "metamodule"', f'name = "{name}"']
@@ -176,11 +199,7 @@ def play_all(engine, out, number, d, most):
             files[f"g{g:02}_{r}.csv"] = recording.csv(log, at, d["columns"], d["noise"], d["base_every"], rng)
             text += ["", "[[run]]", f'file = "g{g:02}_{r}.csv"', f'gait = "g{g:02}"']
     if causes:
-        by = [[f[k] for f in forked] for k in range(len(others))]
-        a, n = len(alike), len(causes)
-        found = recording.evidence(clean, by[:a], by[a: a + n], by[a + n:], d["columns"], d["noise"], d["base_every"], rate)
-        for c, (full, left) in zip(causes, found):
-            c["delta_chi2"], c["delta_chi2_refitted"] = round(2 * full * gaits, 2), round(2 * left * gaits, 2)
+        note_evidence(d, causes, clean, forked, [len(alike), len(less), [len(x) for x in rivals]], 2 * gaits)
     files["dataset.toml"] = "\n".join(text) + "\n"
     folder = Path(out) / "cases" / name
     folder.mkdir(parents=True, exist_ok=True)
@@ -213,7 +232,7 @@ def main(text, make):
             start = time.perf_counter()
             label = generate(engine, out, args.seed, number, args.kind, most)
             part.write_text(json.dumps(label))
-            said = " + ".join(f"{c['effect']}/{c['scope']} {c['delta_chi2']:.0f}>{c['delta_chi2_refitted']:.0f}" for c in label["causes"])
+            said = " + ".join(f"{c['effect']}/{c['scope']} {c['delta_chi2']:.0f}>{c['delta_chi2_refitted']:.0f}>{c.get('delta_chi2_rival', -1):.0f}" for c in label["causes"])
             print(f"{label['name']} {time.perf_counter() - start:.1f} s {label['kind']} {said}", flush=True)
         labels.append(json.loads(part.read_text()))
     print("labels", recording.write_labels(out / "labels.json", labels))

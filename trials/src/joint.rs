@@ -100,6 +100,7 @@ fn label(plan: &Plan, shown: &[(f64, f64)]) -> Label {
                 sigmas: sigmas(&planted),
                 delta_chi2: *full,
                 delta_chi2_refitted: *left,
+                delta_chi2_rival: None,
             }
         });
     let columns = plan.columns.iter().enumerate().filter(|c| *c.1);

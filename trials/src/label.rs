@@ -69,16 +69,24 @@ pub struct Cause {
     /// What stays of that once the nominal numbers are fitted within their tolerances.
     #[serde(default)]
     pub delta_chi2_refitted: f64,
+    /// What stays beside the best of its rivals too, of any size; `None` where no rival was tried.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub delta_chi2_rival: Option<f64>,
 }
 
 /// A nominal number within so many tolerances is no cause.
 const NOMINAL_SIGMAS: f64 = 3.0;
+/// Three standard deviations tell a cause from its nearest rival.
+const RIVAL_CHI2: f64 = 9.0;
 
 impl Cause {
-    /// Whether a diagnosis could name it: enough chi-square beyond nominal numbers, and no nominal number within its tolerances.
+    /// Whether a diagnosis could name it: enough chi-square beyond nominal numbers, no nominal number within its tolerances, and no
+    /// rival that does as well.
     #[must_use]
     pub fn identifiable(&self, least: f64) -> bool {
-        self.delta_chi2_refitted >= least && self.sigmas.is_none_or(|s| s >= NOMINAL_SIGMAS)
+        self.delta_chi2_refitted >= least
+            && self.sigmas.is_none_or(|s| s >= NOMINAL_SIGMAS)
+            && self.delta_chi2_rival.is_none_or(|x| x >= RIVAL_CHI2)
     }
 }
 

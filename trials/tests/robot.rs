@@ -130,13 +130,15 @@ fn large_causes_show_in_the_channel_they_act_on() {
     };
     assert!(left("joint_offset", Some(2), &[0.4], &[]) > 1000.0);
     assert!(left("ground_slope", None, &[0.1, 0.1], &[]) > 100.0);
-    assert_eq!(left("camera_yaw", None, &[0.3], &[]), 0.0, "nobody films");
+    assert!(left("camera_yaw", None, &[0.3], &[]) < 1.0, "nobody films");
     // The servo hides friction from the encoder, not from current, torque and duty.
     let torque = [Lacking::Current, Lacking::Effort, Lacking::Duty];
     let [seen, hidden] = [&[][..], &torque].map(|w| left("coulomb_friction", Some(1), &[1.0], w));
     assert!(seen > 5.0 * hidden, "{seen} {hidden}");
     // A gain of a third of its tolerance is the nominal one.
-    assert!(left("loop_gain", Some(1), &[1.01], &[]) < 25.0);
+    let small = short(&[("loop_gain", Some(1), &[1.01])]);
+    let label = case(&small, &gaits).expect("possible").label;
+    assert!(!label.identifiable(25.0), "{label:?}");
 }
 
 #[test]
@@ -158,7 +160,8 @@ fn a_suite_holds_its_shares_and_every_effect_can_be_made() {
         let cause = planted(effect, None, &[], 3).or_else(|_| planted(effect, Some(4), &[], 3));
         let p = Plan {
             planted: vec![cause.expect("known")],
-            duration_s: 1.0,
+            // A film may be shifted by 1.5 s.
+            duration_s: 2.0,
             seen_by: SeenBy::TrackerAndCamera,
             without: Vec::new(),
             ..plan(1, 1000)
@@ -201,9 +204,9 @@ fn causes_sit_in_all_scopes_and_joints_that_share_one_differ() {
         let differ = parts.iter().any(|x| x.parameters[0] != first.parameters[0]);
         spread += usize::from(differ);
     }
-    // Of about 210: two in five each, one in five of kinds and modules; two of three shared ones are spread.
+    // Of about 180: two in five each, one in four of kinds and modules, within three standard deviations; two of three shared ones are spread.
     assert!(
-        one > 60 && all > 50 && some > 25 && spread > 60,
+        one > 45 && all > 45 && some > 20 && spread > 45,
         "{one} {all} {some} {spread}"
     );
 }

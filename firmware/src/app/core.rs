@@ -197,6 +197,9 @@ pub struct Core {
     pub(crate) void_challenges: bool,
     pub(crate) nonces: u32,
     pub(crate) reboot_at_us: Option<u64>,
+    /// The instant on the grid that the cycle under way belongs to, us.
+    pub(crate) cycle_us: u64,
+    /// Time of what is handled now, us.
     pub(crate) now_us: u64,
 }
 
@@ -243,6 +246,7 @@ impl Core {
             void_challenges: false,
             nonces: 0,
             reboot_at_us: None,
+            cycle_us: 0,
             now_us: 0,
         }
     }

@@ -35,7 +35,7 @@ impl Outgoing {
 impl Core {
     /// Takes what the board reads. `due_us` is the instant on the grid: times of runs count on it.
     pub(crate) fn begin_cycle(&mut self, due_us: u64, inputs: BoardInputs) -> Slot {
-        self.now_us = due_us;
+        (self.now_us, self.cycle_us) = (due_us, due_us);
         self.inputs = inputs;
         let slot = self.timing.begin(due_us);
         for motor in self.motors.iter_mut() {
@@ -159,7 +159,16 @@ impl Core {
     }
 
     /// Ends the readings of a control cycle and decides what leaves.
+    ///
+    /// All of it happens at the instant on the grid: bytes of a host that came while the drivers were read move neither the end of a run nor the time of a
+    /// sample.
     pub(crate) fn decide(&mut self) {
+        let handled_us = core::mem::replace(&mut self.now_us, self.cycle_us);
+        self.decide_now();
+        self.now_us = handled_us.max(self.now_us);
+    }
+
+    fn decide_now(&mut self) {
         self.count_missing();
         self.take_sample(Slot::Control);
         self.check_torque();
@@ -380,7 +389,7 @@ impl Core {
         }
         let mut sample = Sample {
             cycle: self.run.as_ref().map_or(0, |run| run.cycles),
-            t_us: self.now_us,
+            t_us: self.cycle_us,
             flags: self.out.flags,
             valid_mask: self.motors.mask(Motor::answered),
             ..Sample::default()
@@ -396,7 +405,7 @@ impl Core {
             let Some((feedback, at_us)) = motor.reading() else {
                 continue;
             };
-            let dt_us = u32::try_from(at_us.saturating_sub(self.now_us)).unwrap_or(0);
+            let dt_us = u32::try_from(at_us.saturating_sub(self.cycle_us)).unwrap_or(0);
             *place = MotorSample {
                 dt_us,
                 setpoint_urad: motor.setpoint_urad().unwrap_or(0),

@@ -224,6 +224,7 @@ impl App {
             server.restart();
             if error == PortError::Closed {
                 server.void_challenge();
+                self.core.hung_up(link);
             }
         }
         self.core.port_error(link, error);
@@ -271,6 +272,16 @@ impl Core {
         // Three ports.
         let port = port as u8;
         self.event(EventKind::PortError { port, fault });
+    }
+
+    /// The host of a link is gone. What a run records waits for it from now on, and the end of the run is told when it is back.
+    fn hung_up(&mut self, link: usize) {
+        let in_run = self.run.as_ref().is_some_and(|run| run.link == link);
+        let session = self.sessions.get_mut(link);
+        if let Some(session) = session.filter(|session| in_run && !session.silent) {
+            session.silent = true;
+            self.event(EventKind::LinkSilent);
+        }
     }
 
     /// A frame of a host came; `in_run`: a run was under way before it was carried out.

@@ -77,8 +77,8 @@ pub(crate) fn shipped() -> Vec<(String, Gait)> {
     files.into_iter().map(parse).collect()
 }
 
-/// INV1, INV2 and INV4 on the drivers' side: every set-point taken is within the limits; it is no further from where the joint stands than it turns
-/// in a cycle (26.6 and 19.4 rpm no-load, the paper's Table I, plus the rounding of wire counts).
+/// INV1, INV2 and INV4 on the drivers' side: every set-point taken is within the limits. It is no further from where the joint stands than it
+/// turns in a cycle (26.6 and 19.4 rpm no-load, the paper's Table I, plus the rounding of wire counts).
 pub(crate) fn check_set_points(robot: &EmulatedRobot) {
     for joint in 0..6 {
         let rpm = if joint % 3 == 1 { 19.4 } else { 26.6 };

@@ -311,3 +311,29 @@ fn a_host_that_falls_silent_is_noted_and_the_run_goes_on() {
     assert!(host.saw(|kind| matches!(kind, EventKind::LinkBack)));
     assert_eq!(samples(&host.blocks).len() as u32, end.samples);
 }
+
+/// Bytes of a host come at every phase of the cycle, also while the drivers are read. They change no set-point, no sample's time and no length of a run.
+#[test]
+fn a_busy_link_moves_neither_the_samples_nor_the_end_of_a_run() {
+    let (mut robot, mut host, digest) = ready(2);
+    host.start(&mut robot, 0, digest, 3_000, TelemetryRate::Cycle)
+        .expect("ready");
+    let mut sent = 0_u64;
+    while host.ends.is_empty() {
+        robot.run_for(700);
+        sent += 1;
+        let ping = host.frame(&ToModule::Ping { host_t_us: sent });
+        robot.link().write(&ping);
+        host.receive(None);
+    }
+    let end = host.ends[0];
+    assert_eq!(
+        (end.reason, end.cycles, end.dropped),
+        (EndReason::Completed, 60, 0)
+    );
+    let record = samples(&host.blocks);
+    assert_eq!(record.len() as u32, end.samples);
+    let on_grid = |pair: &[Sample]| pair[1].t_us - pair[0].t_us == 50_000;
+    assert!(record.windows(2).all(on_grid));
+    assert!(sent > 5_000);
+}

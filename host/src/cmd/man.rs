@@ -111,6 +111,14 @@ fn options(command: &Command, global: bool, page: &mut String) {
             .unwrap_or_default();
         let help = arg.get_help().map(ToString::to_string).unwrap_or_default();
         let mut meaning = help.replace('|', "\\|").replace('\n', " ");
+        let choices = arg.get_possible_values();
+        if !choices.is_empty() && takes_value(arg) {
+            let names: Vec<_> = choices
+                .iter()
+                .map(clap::builder::PossibleValue::get_name)
+                .collect();
+            let _ = write!(meaning, " [{}]", names.join(", "));
+        }
         let defaults = arg.get_default_values();
         if !defaults.is_empty() && !arg.is_hide_default_value_set() && takes_value(arg) {
             let values: Vec<_> = defaults.iter().map(|v| v.to_string_lossy()).collect();

@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::process::{Command, Stdio};
 
 use crate::bench::Joint;
-use crate::rig::{Done, Emulator, Folder, command, finish, gait, rb};
+use crate::rig::{Done, Emulator, Folder, command, finish, gait, rb, trials};
 
 /// A command line of a shell; `rb` in it is rb-host.
 fn shell(folder: &Folder, line: &str) -> Done {
@@ -498,4 +498,24 @@ fn ctrl_c_in_a_diagnosis_leaves_a_partial_verdict_and_exit_code_130() {
     let text = std::fs::read_to_string(folder.path("v.json")).unwrap();
     let verdict: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(verdict["partial"], true);
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_in_the_diagnosis_of_a_robot_ends_it_and_writes_nothing() {
+    let folder = Folder::new("robot-stopped");
+    let case = ["make-case", "none", "--gaits", "2", "-o", "./case"];
+    trials(&folder, &case).expect("a case");
+    let args = ["gap", "report", "case", "--json-file", "v.json"];
+    let mut child = command(&folder, &args)
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    // Long enough to be at work, or before it: both end alike.
+    std::thread::sleep(std::time::Duration::from_millis(700));
+    let id = child.id().to_string();
+    Command::new("kill").args(["-INT", &id]).status().unwrap();
+    let ended = child.wait().unwrap().code();
+    assert!(ended.is_none_or(|code| code == 130), "{ended:?}");
+    assert!(!folder.path("v.json").exists());
 }

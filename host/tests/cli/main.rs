@@ -25,6 +25,8 @@ mod matching;
 mod model;
 mod python;
 mod recordings;
+#[cfg(unix)]
+mod rfcomm;
 mod rig;
 mod search;
 mod tether;

@@ -1,7 +1,7 @@
 //! Every message of the host link.
 //!
 //! The type byte is the variant's place in its enum, the payload is postcard of the variant's fields. Add variants at the end, never edit one:
-//! `tests/versioning/v01.rs` holds the bytes. `docs/protocol.md` has the table for people.
+//! `tests/versioning/v01.rs` holds the bytes. `docs/reference/protocol.md` has the table for people.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};

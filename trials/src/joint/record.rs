@@ -257,7 +257,7 @@ mod tests {
     #[test]
     fn every_planted_cause_shows_somewhere_and_nulls_follow_their_setpoint() {
         let mut seen = 0;
-        for index in 0..40 {
+        for index in 0..16 {
             let c = case(9, index);
             for cause in &c.label.causes {
                 let left = cause.delta_chi2_refitted;
@@ -265,6 +265,6 @@ mod tests {
                 seen += usize::from(left > 25.0);
             }
         }
-        assert!(seen > 15, "{seen}");
+        assert!(seen > 6, "{seen}");
     }
 }

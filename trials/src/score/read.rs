@@ -89,7 +89,7 @@ fn effects(verdict: &Value) -> Vec<Said> {
             let members = list(&class["members"]);
             let mine = |m: &Value| {
                 let alike = |e: &&Value| e["effect"] == m["effect"] && e["joint"] == m["joint"];
-                rows.iter().any(|e| alike(e))
+                rows.iter().any(alike)
             };
             if !members.iter().any(mine) {
                 continue;

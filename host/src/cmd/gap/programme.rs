@@ -1,7 +1,7 @@
 //! What to record for a diagnosis: repeats of gaits, joints one by one in the air, a warm hold.
 //!
-//! The robot plays gaits and nothing else, so the motions of a joint on a bench are gaits here: a step is an oscillator that starts at its peak with a fast
-//! amplitude filter and hardly turns on, a slow sine stands for the triangle, three sines of rising frequency for the chirp.
+//! The robot plays gaits and nothing else, so the motions of a joint on a bench are gaits here. A step is an oscillator that starts at its
+//! peak with a fast amplitude filter and hardly turns on. A slow sine stands for the triangle, three sines of rising frequency for the chirp.
 
 use control::gait::Gait;
 use control::robot::{JOINTS, RobotModel};
