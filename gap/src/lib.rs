@@ -1,6 +1,7 @@
 //! Diagnosis of the sim-to-real gap: where, which effect, how far it shrinks.
 
 pub mod candidates;
+pub mod decide;
 pub mod diagnose;
 pub mod evidence;
 pub mod experiment;

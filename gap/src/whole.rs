@@ -7,12 +7,12 @@
 mod advice;
 mod answer;
 mod belief;
+mod blocks;
 mod body;
 mod body_answer;
 mod body_library;
 mod body_order;
 mod body_rest;
-mod blocks;
 mod bounce;
 mod camera;
 mod causes;
@@ -70,9 +70,11 @@ use files::dataset::{Manifest, Recording, Role};
 use files::model::{Key, Model};
 use physics::{Params, ParamsError};
 
+use crate::decide::Calibration;
 use crate::verdict::Verdict;
 use crate::vocabulary::Effect;
 pub use camera::Film;
+pub use causes::{Alternative, Causes, Probabilities, Row, Value, Word};
 use conventions::Conventions;
 use data::Data;
 use joints::Found;
@@ -240,19 +242,20 @@ impl Diagnosis {
     }
 }
 
-/// The search of causes alone, as text.
-///
-/// # Errors
-/// As [`diagnose`].
-pub fn search_text(
+/// What a search of causes finds where a cause must add `least` evidence.
+fn explained(
     manifest: &Manifest,
     recordings: &[Recording],
     model: &Model,
-    withhold: &[Effect],
-) -> Result<String, WholeError> {
+    (withhold, least): (&[Effect], f64),
+) -> Result<causes::Explained, WholeError> {
+    let model = &manifest.stated(model);
     let params = Arc::new(Params::try_from(model)?);
     let data = Data::new(manifest, recordings, model);
     let split = split(&data);
+    if split.fit.is_empty() {
+        return Err(WholeError::Nothing);
+    }
     let mut conventions = conventions::find(&data);
     let direct = direct::read(&data, &mut conventions, withhold);
     let mut tier = body::Tier::new(&data, model, &params, &split.fit);
@@ -264,8 +267,37 @@ pub fn search_text(
         direct: &direct,
         runs: &split.fit,
         withhold,
+        least,
     };
-    Ok(causes::explain(&asked, tier.as_mut()).text())
+    Ok(causes::explain(&asked, tier.as_mut()))
+}
+
+/// Names the causes of a robot's gap, those that joints share as one: `rb.gap/2`.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn name_causes(
+    manifest: &Manifest,
+    recordings: &[Recording],
+    model: &Model,
+    withhold: &[Effect],
+    calibration: &Calibration,
+) -> Result<Causes, WholeError> {
+    let found = explained(manifest, recordings, model, (withhold, calibration.least()))?;
+    Ok(found.rows(calibration))
+}
+
+/// Evidence of the strongest cause of a robot: of robots without one, what a calibration is made of.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn strongest_evidence(
+    manifest: &Manifest,
+    recordings: &[Recording],
+    model: &Model,
+) -> Result<f64, WholeError> {
+    let found = explained(manifest, recordings, model, (&[], f64::INFINITY))?;
+    Ok(found.strongest())
 }
 
 /// Diagnoses a whole robot.

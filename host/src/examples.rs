@@ -171,6 +171,17 @@ pub const EXAMPLES: &[Examples] = &[
         ],
     ),
     (
+        "gap causes",
+        &[
+            "gap causes set",
+            "gap causes set --calibration own.json --json",
+        ],
+    ),
+    (
+        "gap calibrate",
+        &["gap calibrate --nulls nulls -o own.json"],
+    ),
+    (
         "gap predict",
         &["gap predict set --patch patch.toml -o predicted"],
     ),

@@ -114,7 +114,13 @@ impl Column {
 
     /// A shape played at `value`: the coefficient is the share of it, one where the value is right.
     #[must_use]
-    pub fn played(effect: Effect, key: &'static str, neutral: f64, value: f64, shape: usize) -> Self {
+    pub fn played(
+        effect: Effect,
+        key: &'static str,
+        neutral: f64,
+        value: f64,
+        shape: usize,
+    ) -> Self {
         Self {
             meaning: Meaning::Effect(effect),
             shape,

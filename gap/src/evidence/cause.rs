@@ -98,7 +98,9 @@ fn parts(blocks: &[Block]) -> Vec<(Option<Effect>, usize, Vec<Part>)> {
             if block.product(c, c) < 1e-9 {
                 continue;
             }
-            let own = out.iter_mut().find(|o| o.0 == effect && o.1 == column.shape);
+            let own = out
+                .iter_mut()
+                .find(|o| o.0 == effect && o.1 == column.shape);
             let parts = match own {
                 Some(own) => &mut own.2,
                 None => {
@@ -138,7 +140,8 @@ fn merged(part: &mut Part) {
         match twin {
             Some(twin) => {
                 let ratio = twin.1.parameter.scale / column.parameter.scale;
-                twin.0.extend(entries.iter().map(|(b, c, w)| (*b, *c, w * ratio)));
+                twin.0
+                    .extend(entries.iter().map(|(b, c, w)| (*b, *c, w * ratio)));
             }
             None => out.push((entries, column)),
         }
@@ -181,7 +184,13 @@ fn single(effect: Option<Effect>, part: &Part, log_prior: f64) -> Cause {
 }
 
 /// The cause that `parts` share, with a `spread` between them.
-fn shared(effect: Option<Effect>, scope: Scope, parts: &[&Part], spread: f64, log_prior: f64) -> Cause {
+fn shared(
+    effect: Option<Effect>,
+    scope: Scope,
+    parts: &[&Part],
+    spread: f64,
+    log_prior: f64,
+) -> Cause {
     let first = &parts[0].columns[0].1;
     let per_joint = parts[0].columns.len();
     let mut out = Cause {
@@ -248,7 +257,10 @@ pub fn shared_slack(blocks: &[Block]) -> Vec<Cause> {
 
 /// Whether a shape that is open, or an effect of one joint by its nature, cannot be shared.
 fn alone(effect: Option<Effect>) -> bool {
-    matches!(effect, None | Some(Effect::TorqueRipple | Effect::JointOrder))
+    matches!(
+        effect,
+        None | Some(Effect::TorqueRipple | Effect::JointOrder)
+    )
 }
 
 /// Every cause that `blocks` can show, in the `groups` of joints that may share one.
@@ -285,7 +297,11 @@ pub fn causes(blocks: &[Block], groups: &[Group], withheld: &[Effect]) -> Vec<Ca
                 .iter()
                 .filter_map(|k| parts.iter().find(|p| p.joint == Some(*k)))
                 .collect();
-            let cost: f64 = members.iter().flat_map(|p| &p.columns).map(|c| c.1.cost).sum();
+            let cost: f64 = members
+                .iter()
+                .flat_map(|p| &p.columns)
+                .map(|c| c.1.cost)
+                .sum();
             for spread in SPREADS {
                 out.push(shared(*effect, group.scope, &members, spread, many - cost));
             }

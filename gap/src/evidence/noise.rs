@@ -18,7 +18,9 @@ fn saturated(segments: &[Segment], columns: &[Column]) -> Vec<f64> {
     let mut b = vec![0.0; c];
     for i in 0..c {
         a[i * c..(i + 1) * c].copy_from_slice(&all[i * n..i * n + c]);
-        let sd = columns[i].prior[1].max(columns[i].slack).max(columns[i].prior[0]);
+        let sd = columns[i].prior[1]
+            .max(columns[i].slack)
+            .max(columns[i].prior[0]);
         a[i * c + i] += 1.0 / (sd * sd);
         b[i] = all[i * n + c];
     }

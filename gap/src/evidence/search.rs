@@ -172,17 +172,20 @@ impl Problem<'_> {
     pub fn coefficients(&self, members: &[usize]) -> Vec<(usize, usize, f64)> {
         let posterior = self.posterior(members);
         let mut out: Vec<(usize, usize, f64)> = Vec::new();
-        let mut add = |entry: &(usize, usize, f64), by: f64| {
-            match out.iter_mut().find(|o| (o.0, o.1) == (entry.0, entry.1)) {
-                Some(own) => own.2 += by * entry.2,
-                None => out.push((entry.0, entry.1, by * entry.2)),
-            }
+        let mut add = |entry: &(usize, usize, f64), by: f64| match out
+            .iter_mut()
+            .find(|o| (o.0, o.1) == (entry.0, entry.1))
+        {
+            Some(own) => own.2 += by * entry.2,
+            None => out.push((entry.0, entry.1, by * entry.2)),
         };
         for (m, first) in members.iter().zip(&posterior.first) {
             let cause = &self.causes[*m];
             cause.mean.iter().for_each(|e| add(e, 1.0));
             for (i, latent) in cause.latents.iter().enumerate() {
-                latent.iter().for_each(|e| add(e, posterior.mean[first + i]));
+                latent
+                    .iter()
+                    .for_each(|e| add(e, posterior.mean[first + i]));
             }
         }
         out
@@ -196,9 +199,7 @@ impl Problem<'_> {
         }
         match a.effect {
             None => a.joints != b.joints || a.fixed != b.fixed,
-            Some(_) => {
-                !a.joints.is_empty() && !a.joints.iter().any(|k| b.joints.contains(k))
-            }
+            Some(_) => !a.joints.is_empty() && !a.joints.iter().any(|k| b.joints.contains(k)),
         }
     }
 
@@ -359,4 +360,103 @@ fn sign(l: &[f64], n: usize, moments: &[f64], at: usize, cause: &Cause) -> f64 {
             - log_twice_normal(number.mean / prior.sqrt().max(1e-12));
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::block::{Column, Segment, Site};
+    use crate::evidence::cause::{Group, Scope, causes};
+    use crate::math::Rng;
+    use crate::vocabulary::{Effect, Stage};
+
+    /// A joint's block of white errors: `size` of dry friction and none of another effect.
+    fn joint(k: usize, size: f64, rng: &mut Rng) -> Block {
+        let n = 200;
+        let side: Vec<f64> = (0..n)
+            .map(|i| if i % 40 < 20 { 1.0 } else { -1.0 })
+            .collect();
+        let speed: Vec<f64> = (0..n)
+            .map(|i| crate::math::sin(0.157 * f64::from(i)))
+            .collect();
+        let segment = Segment {
+            y: side.iter().map(|s| size * s + rng.normal()).collect(),
+            x: vec![side, speed],
+            weight: vec![1.0; n as usize],
+        };
+        let site = Site {
+            stage: Stage::Drivetrain,
+            joint: Some(k),
+        };
+        let columns = vec![
+            Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 1.0).at_least_neutral(),
+            Column::linear(Effect::ViscousFriction, "nm_s_rad", 0.0, 1.0).at_least_neutral(),
+        ];
+        Block::whitened(site, columns, &[segment], [1.0, 1.0])
+    }
+
+    fn groups() -> Vec<Group> {
+        vec![Group {
+            scope: Scope::All,
+            joints: (0..6).collect(),
+        }]
+    }
+
+    fn found(sizes: [f64; 6]) -> Vec<(Option<Effect>, Scope, Vec<usize>)> {
+        let mut rng = Rng::new(11);
+        let blocks: Vec<Block> = (0..6).map(|k| joint(k, sizes[k], &mut rng)).collect();
+        let causes = causes(&blocks, &groups(), &[]);
+        let problem = Problem {
+            blocks: &blocks,
+            causes: &causes,
+            always: &[],
+        };
+        let found = problem.search(6.0, 6);
+        let one = |m: &usize| {
+            let c = &causes[*m];
+            (c.effect, c.scope, c.joints.clone())
+        };
+        found.best.members.iter().map(one).collect()
+    }
+
+    #[test]
+    fn what_all_joints_have_is_one_cause_and_what_one_has_is_its_own() {
+        let dry = Some(Effect::CoulombFriction);
+        let all = (dry, Scope::All, vec![0, 1, 2, 3, 4, 5]);
+        let third = (dry, Scope::Joint, vec![2]);
+        let cases = [
+            ("no joint", [0.0; 6], vec![]),
+            ("every joint alike", [0.6; 6], vec![all.clone()]),
+            (
+                "every joint, worn apart",
+                [0.8, 0.4, 0.6, 0.9, 0.5, 0.7],
+                vec![all],
+            ),
+            ("one joint", [0.0, 0.0, 0.8, 0.0, 0.0, 0.0], vec![third]),
+        ];
+        for (what, sizes, expected) in cases {
+            assert_eq!(found(sizes), expected, "{what}");
+        }
+    }
+
+    #[test]
+    fn the_evidence_of_one_column_is_that_of_the_closed_form() {
+        let mut rng = Rng::new(5);
+        let block = joint(0, 0.5, &mut rng);
+        let (square, moment) = (block.product(0, 0), block.moment[0]);
+        let blocks = [block];
+        let mut all = causes(&blocks, &[], &[]);
+        all[0].positive = false;
+        let problem = Problem {
+            blocks: &blocks,
+            causes: &all,
+            always: &[],
+        };
+        // y ~ N(0, I + x x'): Sherman and Morrison, and the determinant lemma.
+        let closed = 0.5 * moment * moment / (1.0 + square) - 0.5 * libm::log(1.0 + square);
+        let own = problem.evidence(&[0]) - all[0].log_prior;
+        assert!((own - closed).abs() < 1e-9, "{own} for {closed}");
+        let posterior = problem.posterior(&[0]);
+        assert!((posterior.mean[0] - moment / (1.0 + square)).abs() < 1e-9);
+    }
 }

@@ -1,5 +1,6 @@
 //! `rb-host gap`: the diagnosis of the gap between simulation and robot.
 
+mod causes;
 mod collect;
 mod input;
 mod next;
@@ -23,6 +24,10 @@ pub struct Args {
 enum Sub {
     /// Diagnose a data set folder
     Report(report::Args),
+    /// Name the causes of a robot's gap, those that joints share as one (schema rb.gap/2)
+    Causes(causes::Args),
+    /// Read from robots without a cause how strong a cause must show
+    Calibrate(causes::CalibrateArgs),
     /// Write what the model predicts for every run, as CSV
     Predict(report::PredictArgs),
     /// Record on the robot what a diagnosis needs; tells the robot time first
@@ -36,6 +41,8 @@ enum Sub {
 pub fn run(args: &Args, context: &Context) -> Outcome {
     match &args.command {
         Sub::Report(a) => report::run(a, context),
+        Sub::Causes(a) => causes::run(a, context),
+        Sub::Calibrate(a) => causes::calibrate(a, context),
         Sub::Predict(a) => report::predict(a, context),
         Sub::Collect(a) => collect::run(a, context),
     }

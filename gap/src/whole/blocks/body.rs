@@ -80,12 +80,21 @@ pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
     out.push(slope(friction, b(B::Friction), -0.15).loading());
     let bounce = model.value(Key::Bounce);
     out.push(slope(
-        Column::linear(Effect::Restitution, "coefficient", bounce, 0.3).with_slack(sigma(B::Bounce).max(0.03)),
+        Column::linear(Effect::Restitution, "coefficient", bounce, 0.3)
+            .with_slack(sigma(B::Bounce).max(0.03)),
         b(B::Bounce),
         0.1,
     ));
-    out.push(slope(Column::nuisance(sigma(B::Erp).max(0.05)), b(B::Erp), 0.05));
-    out.push(slope(Column::nuisance(sigma(B::Gradient).max(0.01)), b(B::Gradient), 0.05));
+    out.push(slope(
+        Column::nuisance(sigma(B::Erp).max(0.05)),
+        b(B::Erp),
+        0.05,
+    ));
+    out.push(slope(
+        Column::nuisance(sigma(B::Gradient).max(0.01)),
+        b(B::Gradient),
+        0.05,
+    ));
     for (shape, [cos, sin]) in [
         [B::AnisotropyCos, B::AnisotropySin],
         [B::AnisotropyLessCos, B::AnisotropyLessSin],
@@ -95,12 +104,17 @@ pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
     {
         for (key, at) in [("log_cosine", cos), ("log_sine", sin)] {
             let column = Column::linear(Effect::FrictionAnisotropy, key, 0.0, 0.7);
-            out.push(slope(column.shaped(shape, &[("less", shape as f64)]), b(at), 0.2));
+            out.push(slope(
+                column.shaped(shape, &[("less", shape as f64)]),
+                b(at),
+                0.2,
+            ));
         }
     }
     for (shape, m) in [0.004, 0.01, 0.03].into_iter().enumerate() {
         out.push(whole(
-            Column::played(Effect::TorsionalFriction, "coefficient_m", 0.0, m, shape).with_slack(if shape == 1 { 1.2 } else { 0.0 }),
+            Column::played(Effect::TorsionalFriction, "coefficient_m", 0.0, m, shape)
+                .with_slack(if shape == 1 { 1.2 } else { 0.0 }),
             vec![(b(B::Torsion), m)],
         ));
     }
@@ -108,11 +122,18 @@ pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
         let column = Column::linear(Effect::GroundSlope, key, 0.0, 0.1).with_slack(0.003);
         out.push(slope(column, b(at), 0.01).loading());
     }
-    for (shape, (give, damping)) in [(1e-4, 50.0), (5e-4, 50.0), (2e-3, 30.0)].into_iter().enumerate() {
+    for (shape, (give, damping)) in [(1e-4, 50.0), (5e-4, 50.0), (2e-3, 30.0)]
+        .into_iter()
+        .enumerate()
+    {
         let fixed = [("damping_n_s_m", damping)];
         out.push(whole(
-            Column::played(Effect::GroundCompliance, "give_m_n", 0.0, give, shape).shaped(shape, &fixed),
-            vec![(b(B::GroundGive), give), (b(B::GroundDamping), damping - 50.0)],
+            Column::played(Effect::GroundCompliance, "give_m_n", 0.0, give, shape)
+                .shaped(shape, &fixed),
+            vec![
+                (b(B::GroundGive), give),
+                (b(B::GroundDamping), damping - 50.0),
+            ],
         ));
     }
     for (key, at) in [("x_m", B::ComX), ("y_m", B::ComY), ("z_m", B::ComZ)] {
@@ -175,7 +196,11 @@ fn joints(out: &mut Vec<Move>, link_measured: bool) {
 }
 
 /// Coordinates at the coefficients `start` of the `moves`.
-pub(in crate::whole) fn placed(moves: &[Move], neutral: &[f64], start: &[(usize, f64)]) -> Vec<f64> {
+pub(in crate::whole) fn placed(
+    moves: &[Move],
+    neutral: &[f64],
+    start: &[(usize, f64)],
+) -> Vec<f64> {
     let mut out = neutral.to_vec();
     for (m, by) in start {
         for (at, along) in &moves[*m].along {
@@ -186,14 +211,21 @@ pub(in crate::whole) fn placed(moves: &[Move], neutral: &[f64], start: &[(usize,
 }
 
 /// The block of the base around the coefficients `start`; coefficients count from the neutral values.
-pub(in crate::whole) fn block(tier: &Tier, moves: &[Move], neutral: &[f64], start: &[(usize, f64)]) -> Block {
+pub(in crate::whole) fn block(
+    tier: &Tier,
+    moves: &[Move],
+    neutral: &[f64],
+    start: &[(usize, f64)],
+) -> Block {
     let theta = &placed(moves, neutral, start);
     let here = tier.whitened(theta);
     let roots: Vec<f64> = here
         .iter()
         .map(|e| {
             let square: f64 = e.iter().map(|x| x * x).sum();
-            ((FREEDOM + NUMBERS as f64) / (FREEDOM + square)).min(1.0).sqrt()
+            ((FREEDOM + NUMBERS as f64) / (FREEDOM + square))
+                .min(1.0)
+                .sqrt()
         })
         .collect();
     let flat = |windows: &[[f64; NUMBERS]]| -> Vec<f64> {

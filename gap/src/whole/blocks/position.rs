@@ -20,7 +20,9 @@ const LEAST_RAD: f64 = 1.0e-4;
 const SHARE: f64 = 5.0e-4;
 
 /// Delays that are played, s; a factor of 1.4 apart where delays of real buses lie.
-const DELAYS_S: [f64; 10] = [0.006, 0.01, 0.015, 0.022, 0.032, 0.045, 0.065, 0.095, 0.14, 0.2];
+const DELAYS_S: [f64; 10] = [
+    0.006, 0.01, 0.015, 0.022, 0.032, 0.045, 0.065, 0.095, 0.14, 0.2,
+];
 /// Time constants that are played, s.
 const LAGS_S: [f64; 8] = [0.008, 0.014, 0.024, 0.04, 0.065, 0.11, 0.18, 0.3];
 /// Half widths of dead bands that are played, rad.
@@ -214,7 +216,10 @@ impl Grid {
     fn lost(&self, law: &Law) -> (Vec<f64>, f64, f64) {
         let plain = self.simulated(law);
         let left: Vec<f64> = self.q.iter().zip(&plain).map(|(q, p)| q - p).collect();
-        let mut jumps: Vec<f64> = left.windows(self.stride + 1).map(|w| (w[self.stride] - w[0]).abs()).collect();
+        let mut jumps: Vec<f64> = left
+            .windows(self.stride + 1)
+            .map(|w| (w[self.stride] - w[0]).abs())
+            .collect();
         jumps.sort_by(f64::total_cmp);
         // Median absolute deviation of the change of the errors, as that of a normal distribution.
         let noise = jumps.get(jumps.len() / 2).map_or(0.0, |m| m / 0.6745) + LEAST_RAD;
@@ -222,7 +227,13 @@ impl Grid {
         let span = (SHOWS_S / STEP_S) as usize;
         let mut out = vec![0.0; self.q.len()];
         let (mut missed, mut sent) = (0.0, 0.0);
-        let events: Vec<(f64, f64)> = self.command.t_s.iter().copied().zip(self.command.v.iter().copied()).collect();
+        let events: Vec<(f64, f64)> = self
+            .command
+            .t_s
+            .iter()
+            .copied()
+            .zip(self.command.v.iter().copied())
+            .collect();
         for e in events.windows(3) {
             let [before, now, next] = [e[0], e[1], e[2]];
             let late = next.0 - now.0;
@@ -406,8 +417,16 @@ fn driver(known: &Known, out: &mut Vec<Shape>) {
         let column = Column::played(Effect::MotorLag, "time_constant_s", 0.0, lag, i);
         out.push(shape(column, Change::Lag(lag), 1.0));
     }
-    out.push(shape(Column::open(0, 0.005).with_slack(1e-4), Change::Drift, 0.001));
-    out.push(shape(Column::open(1, 0.3).with_slack(0.02), Change::Lopsided, 0.1));
+    out.push(shape(
+        Column::open(0, 0.005).with_slack(1e-4),
+        Change::Drift,
+        0.001,
+    ));
+    out.push(shape(
+        Column::open(1, 0.3).with_slack(0.02),
+        Change::Lopsided,
+        0.1,
+    ));
     let most = known.nominal.max_speed_rad_s;
     let within = 1.0 - 3.0 * known.speed_tolerance;
     let limits = SPEEDS_RAD_S.into_iter().enumerate();
@@ -466,8 +485,14 @@ pub(in crate::whole) fn regular(track: Track) -> Track {
         return track;
     };
     // Distance of each event to the ticks through the first one; the earliest is the least late.
-    let off: Vec<f64> = phases.iter().map(|p| (p - first) - (p - first).round()).collect();
-    let [low, high] = [crate::math::quantile(&off, 0.0), crate::math::quantile(&off, 1.0)];
+    let off: Vec<f64> = phases
+        .iter()
+        .map(|p| (p - first) - (p - first).round())
+        .collect();
+    let [low, high] = [
+        crate::math::quantile(&off, 0.0),
+        crate::math::quantile(&off, 1.0),
+    ];
     if (high - low) * tick_s > 1.05 * row_s || row_s >= tick_s {
         return track;
     }
@@ -518,12 +543,17 @@ pub(in crate::whole) fn raw(
         }
     }
     let heard = known.echoed || known.applied;
-    let there = start.iter().fold(base, |law, (c, by)| all[*c].change.on(law, *by));
+    let there = start
+        .iter()
+        .fold(base, |law, (c, by)| all[*c].change.on(law, *by));
     let mut segments = Vec::new();
     let lost: Vec<(Vec<f64>, f64, f64)> = grids.iter().map(|g| g.lost(&there)).collect();
-    let [missed, sent] = [1, 2].map(|i| lost.iter().map(|l| if i == 1 { l.1 } else { l.2 }).sum::<f64>());
+    let [missed, sent] = [1, 2].map(|i| {
+        lost.iter()
+            .map(|l| if i == 1 { l.1 } else { l.2 })
+            .sum::<f64>()
+    });
     let share = missed / sent.max(1.0);
-    if std::env::var("RB_DEBUG").is_ok() { eprintln!("lost {joint} {missed} {sent}"); }
     let loses = !heard && (LEAST_LOST..MOST_LOST).contains(&share);
     for (grid, lost) in grids.iter().zip(&lost) {
         let plain = grid.compared(&grid.simulated(&there));
@@ -532,9 +562,9 @@ pub(in crate::whole) fn raw(
             // shape of its effect stands in its place.
             let within = start.iter().find(|x| x.0 == c && x.1.abs() > 1e-9);
             let step = within.map_or(s.step, |x| -x.1);
-            let rivals = start.iter().filter(|x| {
-                within.is_none() && all[x.0].column.meaning == s.column.meaning
-            });
+            let rivals = start
+                .iter()
+                .filter(|x| within.is_none() && all[x.0].column.meaning == s.column.meaning);
             let from = rivals.fold(there, |law, (c, by)| all[*c].change.on(law, -by));
             let plain = if from == there {
                 plain.clone()
@@ -576,4 +606,130 @@ pub(in crate::whole) fn raw(
         segments,
         floor: LEAST_RAD + SHARE * spread,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::block::Block;
+    use crate::evidence::cause::causes;
+    use crate::evidence::search::Problem;
+    use crate::math::Rng;
+
+    /// Gain of the loop, 1/s, and time between rows, s.
+    const GAIN: f64 = 10.0;
+    const ROW_S: f64 = 0.01;
+    const TICK_S: f64 = 0.05;
+
+    fn known() -> Known {
+        Known {
+            nominal: Nominal {
+                gain_per_s: GAIN,
+                gain_tolerance: 0.05,
+                max_speed_rad_s: 2.5,
+                max_torque_nm: 4.8,
+                torque_tolerance_nm: 0.3,
+                damping_nm_s_rad: 0.0,
+                winding_ohm: 0.0,
+                nm_per_a: 4.3,
+            },
+            late_s: None,
+            applied: false,
+            speed_tolerance: 0.1,
+            echoed: false,
+            row_s: ROW_S,
+        }
+    }
+
+    /// Set-points of a slow swing, and the closed form of a loop that follows them `late_s` late with gain `GAIN * ratio`.
+    fn run(late_s: f64, ratio: f64, offset: f64, rng: &mut Rng) -> (Track, Track) {
+        let set = |i: usize| {
+            0.6 * crate::math::sin(0.063 * i as f64) + 0.2 * crate::math::sin(0.17 * i as f64)
+        };
+        let mut command = Track::default();
+        for i in 0..240 {
+            command.t_s.push(i as f64 * TICK_S);
+            command.v.push(set(i));
+        }
+        let mut position = Track::default();
+        let mut q = set(0);
+        for row in 0..1190 {
+            let t = row as f64 * ROW_S;
+            position.t_s.push(t);
+            position.v.push(q + 3e-4 * rng.normal());
+            // Between two instants the set-point is held but for one change: exact exponentials on both sides of it.
+            let (mut from, end) = (t, t + ROW_S);
+            while from < end - 1e-12 {
+                let tick = ((from - late_s) / TICK_S + 1e-9).floor();
+                let next = ((tick + 1.0) * TICK_S + late_s).min(end);
+                let c = set(tick.max(0.0) as usize) + offset;
+                q = c + (q - c) * libm::exp(-GAIN * ratio * (next - from));
+                from = next;
+            }
+        }
+        (command, position)
+    }
+
+    fn named(late_s: f64, ratio: f64, offset: f64) -> Vec<(Option<Effect>, f64)> {
+        let mut rng = Rng::new(7);
+        let runs: Vec<(Track, Track)> = (0..3)
+            .map(|_| run(late_s, ratio, offset, &mut rng))
+            .collect();
+        let inputs: Vec<Input<'_>> = runs
+            .iter()
+            .map(|(command, position)| Input {
+                command: command.clone(),
+                position,
+                load_nm: &[],
+                load_step_s: 0.02,
+                limit: None,
+            })
+            .collect();
+        let raw = raw(0, &inputs, &known(), &[]).expect("long enough");
+        let blocks = [Block::new(raw, 6).with_model_error(0.12)];
+        let all = causes(&blocks, &[], &[]);
+        let problem = Problem {
+            blocks: &blocks,
+            causes: &all,
+            always: &[],
+        };
+        let found = problem.search(6.0, 3);
+        let posterior = problem.posterior(&found.best.members);
+        let members = found.best.members.iter().zip(&posterior.first);
+        members
+            .map(|(m, first)| {
+                let number = &all[*m].numbers[0];
+                let sd = number.of_latents[0].1;
+                let coefficient = number.mean + sd * posterior.mean[*first];
+                (all[*m].effect, number.neutral + number.scale * coefficient)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn closed_forms_of_the_loop_are_named_with_their_size() {
+        let cases = [
+            ("nothing", 0.0, 1.0, 0.0, None),
+            ("late", 0.06, 1.0, 0.0, Some((Effect::Latency, 0.06, 0.01))),
+            ("weak", 0.0, 0.6, 0.0, Some((Effect::LoopGain, 0.6, 0.06))),
+            (
+                "off",
+                0.0,
+                1.0,
+                0.05,
+                Some((Effect::JointOffset, 0.05, 0.005)),
+            ),
+        ];
+        for (what, late_s, ratio, offset, expected) in cases {
+            let found = named(late_s, ratio, offset);
+            match expected {
+                None => assert!(found.is_empty(), "{what}: {found:?}"),
+                Some((effect, value, within)) => {
+                    assert_eq!(found.len(), 1, "{what}: {found:?}");
+                    assert_eq!(found[0].0, Some(effect), "{what}: {found:?}");
+                    assert!((found[0].1 - value).abs() < within, "{what}: {found:?}");
+                }
+            }
+        }
+    }
 }

@@ -116,7 +116,9 @@ fn friction(damping_nm_s: f64, sense: f64) -> Vec<Term> {
         ),
         // The same turned over more slowly, as bristles and encoders of low resolution have it.
         term(
-            Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 0.5).shaped(1, &[]).at_least_neutral(),
+            Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 0.5)
+                .shaped(1, &[])
+                .at_least_neutral(),
             |r| r.v / libm::hypot(r.v, SLOW_RAD_S),
         ),
         term(
@@ -126,7 +128,9 @@ fn friction(damping_nm_s: f64, sense: f64) -> Vec<Term> {
             |r| r.load.abs() * r.side,
         ),
         term(
-            Column::linear(Effect::LoadDependentFriction, "fraction", 0.0, 0.3).shaped(1, &[]).at_least_neutral(),
+            Column::linear(Effect::LoadDependentFriction, "fraction", 0.0, 0.3)
+                .shaped(1, &[])
+                .at_least_neutral(),
             |r| r.load.abs() * r.v / libm::hypot(r.v, SLOW_RAD_S),
         ),
         term(
@@ -151,8 +155,7 @@ fn friction(damping_nm_s: f64, sense: f64) -> Vec<Term> {
         0.5 * sense * (sense * r.v).max(0.0)
     }));
     if damping_nm_s > 0.0 {
-        let mut column =
-            Column::linear(Effect::DampingGain, "ratio", 1.0, 0.5).at_least_neutral();
+        let mut column = Column::linear(Effect::DampingGain, "ratio", 1.0, 0.5).at_least_neutral();
         column.parameter.scale = 1.0 / damping_nm_s;
         out.push(term(column, |r| r.v));
     }
@@ -192,14 +195,20 @@ fn ripple(load_nm: f64) -> Vec<Term> {
 /// Shapes that no effect has: friction by place, friction and torque by time, a spring to the housing.
 fn open(length_s: f64, middle_rad: f64, load_nm: f64) -> Vec<Term> {
     let mut out = vec![
-        term(Column::open(0, 0.3), move |r| r.side * (r.t_s / length_s - 0.5)),
+        term(Column::open(0, 0.3), move |r| {
+            r.side * (r.t_s / length_s - 0.5)
+        }),
         term(Column::open(1, 0.3), move |r| r.t_s / length_s - 0.5),
         term(Column::open(2, 0.5), move |r| r.q - middle_rad),
     ];
     for n in 1..=12_usize {
         let of = n as f64;
-        out.push(term(Column::open(2 + n, 0.2), move |r| r.side * libm::sin(of * r.q)));
-        out.push(term(Column::open(2 + n, 0.2), move |r| r.side * libm::cos(of * r.q)));
+        out.push(term(Column::open(2 + n, 0.2), move |r| {
+            r.side * libm::sin(of * r.q)
+        }));
+        out.push(term(Column::open(2 + n, 0.2), move |r| {
+            r.side * libm::cos(of * r.q)
+        }));
     }
     for (i, c) in out.iter_mut().enumerate().skip(3) {
         c.0.slack = 0.5 * POSE * load_nm / (1.0 + ((i - 3) / 2) as f64);
@@ -233,9 +242,15 @@ fn sense(inputs: &[Input<'_>], damping_nm_s: f64) -> f64 {
 pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -> Option<Raw> {
     let mut columns = Vec::new();
     let mut segments = Vec::new();
-    let middles: Vec<f64> = inputs.iter().map(|i| crate::math::mean(&i.position.v)).collect();
+    let middles: Vec<f64> = inputs
+        .iter()
+        .map(|i| crate::math::mean(&i.position.v))
+        .collect();
     let middle = crate::math::mean(&middles);
-    let all: Vec<f64> = inputs.iter().flat_map(|i| i.load_nm[0].iter().copied()).collect();
+    let all: Vec<f64> = inputs
+        .iter()
+        .flat_map(|i| i.load_nm[0].iter().copied())
+        .collect();
     let load_nm = crate::math::rms(&all);
     let sense = sense(inputs, known.damping_nm_s);
     for input in inputs {
@@ -245,15 +260,16 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
         terms.extend(ripple(load_nm));
         terms.extend(open(last.t_s.max(1.0), middle, load_nm));
         terms.push(term(
-            Column::linear(Effect::Inertia, "ratio", 1.0, 5.0).with_slack(0.1).at_least_neutral(),
+            Column::linear(Effect::Inertia, "ratio", 1.0, 5.0)
+                .with_slack(0.1)
+                .at_least_neutral(),
             |r| INERTIA_KG_M2 * r.a,
         ));
         // Several contacts share a load in more ways than one.
         terms.push(term(Column::nuisance(0.1), |r| r.load));
         let step = input.load_step_s;
-        let along = |grid: &[f64]| -> Vec<f64> {
-            rows.iter().map(|r| on(grid, step, r.t_s)).collect()
-        };
+        let along =
+            |grid: &[f64]| -> Vec<f64> { rows.iter().map(|r| on(grid, step, r.t_s)).collect() };
         let y: Vec<f64> = rows
             .iter()
             .map(|r| {
@@ -266,14 +282,18 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
             .map(|(_, of)| rows.iter().map(of).collect())
             .collect();
         columns = terms.into_iter().map(|t| t.0).collect();
-        columns.push(
-            Column::linear(Effect::GravityLoad, "ratio", 1.0, 0.5).with_slack(0.02),
-        );
+        columns.push(Column::linear(Effect::GravityLoad, "ratio", 1.0, 0.5).with_slack(0.02));
         x.push(along(input.gravity_nm));
         for other in &input.load_nm[1..] {
             columns.push(Column::nuisance(0.7));
             let nominal = along(input.load_nm[0]);
-            x.push(along(other).iter().zip(&nominal).map(|(a, b)| a - b).collect());
+            x.push(
+                along(other)
+                    .iter()
+                    .zip(&nominal)
+                    .map(|(a, b)| a - b)
+                    .collect(),
+            );
         }
         for (column, grid) in known.body.iter().zip(&input.body_nm) {
             columns.push(column.clone());
@@ -281,12 +301,23 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
         }
         // Coefficients count from the neutral values.
         let mut y = y;
-        for (grid, at) in input.body_nm.iter().zip(&input.body_at).filter(|x| *x.1 != 0.0) {
+        for (grid, at) in input
+            .body_nm
+            .iter()
+            .zip(&input.body_at)
+            .filter(|x| *x.1 != 0.0)
+        {
             let along = along(grid);
             y.iter_mut().zip(&along).for_each(|(y, x)| *y += at * x);
         }
-        let weight = y.iter().map(|y| f64::from(u8::from(y.is_finite()))).collect();
-        let y = y.into_iter().map(|y| if y.is_finite() { y } else { 0.0 }).collect();
+        let weight = y
+            .iter()
+            .map(|y| f64::from(u8::from(y.is_finite())))
+            .collect();
+        let y = y
+            .into_iter()
+            .map(|y| if y.is_finite() { y } else { 0.0 })
+            .collect();
         segments.push(Segment { y, x, weight });
     }
     (!segments.is_empty()).then_some(Raw {

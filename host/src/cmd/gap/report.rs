@@ -66,7 +66,7 @@ pub(super) struct PredictArgs {
     force: bool,
 }
 
-fn effect(name: &str) -> Result<Effect, String> {
+pub(super) fn effect(name: &str) -> Result<Effect, String> {
     Effect::from_name(name).ok_or_else(|| {
         format!("`{name}` is not in the effect vocabulary; see docs/reference/effects.md")
     })

@@ -1,0 +1,168 @@
+//! Decisions: every threshold of the search of causes, read from robots without a cause.
+
+use serde::{Deserialize, Serialize};
+
+/// Family-wise share of robots without a cause that may be accused of one.
+pub const LEVEL: f64 = 0.01;
+
+/// What searches of robots without a cause found: the null distribution of the strongest evidence.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Calibration {
+    /// Always `rb.calibration/1`.
+    pub schema: String,
+    /// How the file was made.
+    pub command: String,
+    /// Where the robots come from.
+    pub source: String,
+    /// Evidence of the best cause of each of them, ascending.
+    pub strongest: Vec<f64>,
+}
+
+/// Why a calibration cannot be used.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CalibrationError {
+    /// The text is no calibration.
+    #[error("no calibration: {0}")]
+    Text(#[from] serde_json::Error),
+    /// Another schema.
+    #[error("schema `{0}`, not `{SCHEMA}`; make the file again with `rb-host gap calibrate`")]
+    Schema(String),
+    /// Values that are no numbers, or too few of them.
+    #[error("{0} finite values; at least {LEAST} robots without a cause are needed")]
+    Few(usize),
+}
+
+const SCHEMA: &str = "rb.calibration/1";
+/// Fewest robots whose strongest evidence says anything: with 19 a cause at least has p = 0.05.
+const LEAST: usize = 19;
+
+impl Calibration {
+    /// From the strongest evidence of robots without a cause.
+    ///
+    /// # Errors
+    /// Too few finite values.
+    pub fn new(
+        mut strongest: Vec<f64>,
+        command: &str,
+        source: &str,
+    ) -> Result<Self, CalibrationError> {
+        strongest.retain(|x| x.is_finite());
+        if strongest.len() < LEAST {
+            return Err(CalibrationError::Few(strongest.len()));
+        }
+        strongest.sort_by(f64::total_cmp);
+        Ok(Self {
+            schema: SCHEMA.into(),
+            command: command.into(),
+            source: source.into(),
+            strongest,
+        })
+    }
+
+    /// Reads a file that [`Calibration::to_json`] wrote.
+    ///
+    /// # Errors
+    /// Text of another kind.
+    pub fn parse(text: &str) -> Result<Self, CalibrationError> {
+        let read: Self = serde_json::from_str(text)?;
+        if read.schema != SCHEMA {
+            return Err(CalibrationError::Schema(read.schema));
+        }
+        Self::new(read.strongest, &read.command, &read.source)
+    }
+
+    /// The file's text.
+    ///
+    /// # Errors
+    /// None that this type can have.
+    pub fn to_json(&self) -> Result<String, CalibrationError> {
+        Ok(serde_json::to_string_pretty(self)? + "\n")
+    }
+
+    /// That of emulated robots and of robots played in MuJoCo.
+    #[must_use]
+    pub fn shipped() -> Self {
+        let text = include_str!("../calibration/robot.json");
+        // A test reads it.
+        Self::parse(text).unwrap_or_else(|_| Self {
+            schema: SCHEMA.into(),
+            command: String::new(),
+            source: String::new(),
+            strongest: vec![f64::MAX; LEAST],
+        })
+    }
+
+    /// Conformal p-value of an evidence: the chance that a robot without a cause shows as much.
+    #[must_use]
+    pub fn p_value(&self, evidence: f64) -> f64 {
+        let below = self.strongest.partition_point(|x| *x < evidence);
+        let n = self.strongest.len();
+        (n - below + 1) as f64 / (n + 1) as f64
+    }
+
+    /// Evidence that a cause must add: the least one whose p-value is at most [`LEVEL`]; beyond all robots without a cause where
+    /// these are too few to tell.
+    #[must_use]
+    pub fn least(&self) -> f64 {
+        let n = self.strongest.len();
+        let may = (LEVEL * (n + 1) as f64).floor() as usize;
+        let at = n.saturating_sub(may.max(1));
+        // As many as may be counted, less one, lie above it.
+        self.strongest[at] + STEP
+    }
+}
+
+/// What counts as more evidence.
+const STEP: f64 = 1e-6;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(n: usize) -> Calibration {
+        let strongest = (0..n).map(|i| i as f64).collect();
+        Calibration::new(strongest, "test", "numbers").expect("enough")
+    }
+
+    #[test]
+    fn few_robots_ask_for_more_evidence_than_any_of_them() {
+        let c = of(49);
+        assert!(c.least() > 48.0);
+        assert!((c.p_value(c.least()) - 0.02).abs() < 1e-12);
+    }
+
+    #[test]
+    fn many_robots_allow_the_share_that_the_level_says() {
+        let c = of(999);
+        assert!(c.p_value(c.least()) <= LEVEL);
+        assert!(c.p_value(c.least() - 1.0) > LEVEL);
+    }
+
+    #[test]
+    fn the_shipped_file_is_a_calibration() {
+        let shipped = Calibration::shipped();
+        assert!(shipped.strongest.len() >= LEAST, "{shipped:?}");
+        assert!(shipped.least() < 1e3);
+        let again = Calibration::parse(&shipped.to_json().expect("text")).expect("read");
+        assert_eq!(again, shipped);
+    }
+
+    #[test]
+    fn other_texts_are_refused() {
+        assert!(matches!(
+            Calibration::parse("[]"),
+            Err(CalibrationError::Text(_))
+        ));
+        let other = r#"{"schema":"x","command":"","source":"","strongest":[]}"#;
+        assert!(matches!(
+            Calibration::parse(other),
+            Err(CalibrationError::Schema(_))
+        ));
+        let few = r#"{"schema":"rb.calibration/1","command":"","source":"","strongest":[1.0]}"#;
+        assert!(matches!(
+            Calibration::parse(few),
+            Err(CalibrationError::Few(1))
+        ));
+    }
+}

@@ -1,0 +1,318 @@
+//! Causes in words and numbers: `rb.gap/2`.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::Explained;
+use crate::decide::Calibration;
+use crate::evidence::cause::{Cause, Scope};
+use crate::evidence::search::{Posterior, Rival};
+use crate::vocabulary::Effect;
+
+/// A value of one cause: at the joint that has most of it, with all joints beside.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Value {
+    /// Mean over the joints that have it.
+    pub value: f64,
+    /// 95 % interval of one joint's value; over all joints where they differ.
+    pub ci95: [f64; 2],
+    /// By joint; empty for what the robot has once.
+    pub by_joint: BTreeMap<usize, f64>,
+}
+
+/// Another cause that may stand in the place of one that is named.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Alternative {
+    /// Effect; `null` is a shape that no effect of the library has.
+    pub effect: Option<&'static str>,
+    /// Who has it.
+    pub scope: Scope,
+    /// Joints.
+    pub joints: Vec<usize>,
+    /// Logarithm of the likelihood ratio against it.
+    pub margin: f64,
+    /// Whether the data tell the two apart.
+    pub distinguishable: bool,
+}
+
+/// A cause that was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// Effect; `null` is a shape that no effect of the library has.
+    pub effect: Option<&'static str>,
+    /// Its stage.
+    pub stage: Option<&'static str>,
+    /// Who has it.
+    pub scope: Scope,
+    /// Joints that have it; empty for what the robot has once.
+    pub joints: Vec<usize>,
+    /// `structural` or `parametric`; `open` for a shape of no effect.
+    pub kind: &'static str,
+    /// Values by parameter.
+    pub values: BTreeMap<&'static str, Value>,
+    /// Probability that this is the cause.
+    pub probability: f64,
+    /// Chance that a robot without a cause shows as much.
+    pub p_value: f64,
+    /// Evidence that it adds: logarithm of the likelihood ratio, priors included.
+    pub evidence: f64,
+    /// Nearest others.
+    pub alternatives: Vec<Alternative>,
+}
+
+/// Probabilities of the answers that are no effects.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Probabilities {
+    /// There is no cause.
+    pub none: f64,
+    /// What is there is no effect of the library.
+    pub unknown: f64,
+}
+
+/// One word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Word {
+    /// Nothing is there that robots without a cause do not show.
+    None,
+    /// Nominal values beyond their tolerance.
+    Parametric,
+    /// Causes are named; what stays is not tested.
+    PartlyExplained,
+    /// What is there has no effect's shape.
+    Unknown,
+}
+
+/// The causes of a robot's gap.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Causes {
+    /// Always `rb.gap/2`.
+    pub schema: &'static str,
+    /// One word.
+    pub verdict: Word,
+    /// One sentence.
+    pub sentence: String,
+    /// Causes, strongest first.
+    pub causes: Vec<Row>,
+    /// None and unknown.
+    pub probabilities: Probabilities,
+    /// Evidence that a cause must add, and the robots without a cause that it comes from.
+    pub least_evidence: f64,
+    /// How many.
+    pub null_robots: usize,
+}
+
+/// Likelihood ratios within which two causes are one class: a factor of 20 (Kass and Raftery 1995: strong).
+const CLASS: f64 = 3.0;
+/// Alternatives that are listed.
+const LISTED: usize = 5;
+
+/// Mean and standard deviation of a number.
+fn number(cause: &Cause, n: usize, p: &Posterior, first: usize) -> (f64, f64) {
+    let own = &cause.numbers[n];
+    let size = p.mean.len();
+    let (mut mean, mut variance) = (own.mean, 0.0);
+    for (l, w) in &own.of_latents {
+        mean += w * p.mean[first + l];
+        for (m, v) in &own.of_latents {
+            variance += w * v * p.covariance[(first + l) * size + first + m];
+        }
+    }
+    let value = own.neutral + own.scale * mean;
+    (value, (own.scale * variance.max(0.0).sqrt()).abs())
+}
+
+/// What a key of a column is called in the vocabulary, and the value there: a give is one over a stiffness.
+fn named(key: &'static str, (value, sd): (f64, f64)) -> (&'static str, f64, [f64; 2]) {
+    let ends = [value - 1.96 * sd, value + 1.96 * sd];
+    let inverse = |key| {
+        let stiff = |give: f64| 1.0 / give.max(1e-6);
+        (key, stiff(value), [stiff(ends[1]), stiff(ends[0])])
+    };
+    match key {
+        "give_rad_nm" => inverse("stiffness_nm_rad"),
+        "give_m_n" => inverse("stiffness_n_m"),
+        _ => (key, value, ends),
+    }
+}
+
+fn values(cause: &Cause, p: &Posterior, first: usize) -> BTreeMap<&'static str, Value> {
+    let mut out: BTreeMap<&'static str, Value> = BTreeMap::new();
+    let mut count: BTreeMap<&'static str, f64> = BTreeMap::new();
+    for (i, own) in cause.numbers.iter().enumerate() {
+        let (key, value, ci95) = named(own.key, number(cause, i, p, first));
+        let slot = out.entry(key).or_insert(Value {
+            value: 0.0,
+            ci95,
+            by_joint: BTreeMap::new(),
+        });
+        slot.value += value;
+        slot.ci95 = [slot.ci95[0].min(ci95[0]), slot.ci95[1].max(ci95[1])];
+        *count.entry(key).or_default() += 1.0;
+        if let Some(k) = own.joint {
+            slot.by_joint.insert(k, value);
+        }
+    }
+    for (key, n) in count {
+        if let Some(v) = out.get_mut(key) {
+            v.value /= n;
+        }
+    }
+    polar(
+        &mut out,
+        ["sine_nm", "cosine_nm"],
+        ["amplitude_nm", "phase_rad"],
+    );
+    for (key, value) in &cause.fixed {
+        let fixed = Value {
+            value: *value,
+            ci95: [*value; 2],
+            by_joint: BTreeMap::new(),
+        };
+        out.entry(key).or_insert(fixed);
+    }
+    out
+}
+
+/// Puts size and direction in the place of sine and cosine parts: `a sin(x + phase)`.
+fn polar(out: &mut BTreeMap<&'static str, Value>, from: [&str; 2], to: [&'static str; 2]) {
+    let (Some(sine), Some(cosine)) = (out.remove(from[0]), out.remove(from[1])) else {
+        return;
+    };
+    let size = libm::hypot(sine.value, cosine.value);
+    let half = [&sine, &cosine].map(|v| 0.5 * (v.ci95[1] - v.ci95[0]));
+    let off = half[0].max(half[1]);
+    let phase = libm::atan2(cosine.value, sine.value);
+    let turn = off / size.max(1e-12);
+    let one = |value: f64, off: f64| Value {
+        value,
+        ci95: [value - off, value + off],
+        by_joint: BTreeMap::new(),
+    };
+    out.insert(to[0], one(size, off));
+    out.insert(to[1], one(phase, turn));
+}
+
+/// Whether two causes are one for a reader: the same effect at the same joints.
+fn same(a: &Cause, b: &Cause) -> bool {
+    a.effect == b.effect && a.joints == b.joints
+}
+
+fn alternatives(all: &[Cause], own: &Cause, rivals: &[Rival]) -> Vec<Alternative> {
+    let mut seen: Vec<&Cause> = vec![own];
+    let mut out = Vec::new();
+    for r in rivals {
+        let cause = &all[r.cause];
+        if seen.iter().any(|s| same(s, cause)) {
+            continue;
+        }
+        seen.push(cause);
+        out.push(Alternative {
+            effect: cause.effect.map(Effect::name),
+            scope: cause.scope,
+            joints: cause.joints.clone(),
+            margin: r.margin,
+            distinguishable: r.margin > CLASS,
+        });
+    }
+    out.truncate(LISTED);
+    out
+}
+
+/// Joints in words.
+fn place(row: &Row) -> String {
+    let list: Vec<String> = row.joints.iter().map(ToString::to_string).collect();
+    match (row.scope, row.joints.as_slice()) {
+        (Scope::All, _) => " in all joints".into(),
+        (Scope::Robot, _) => String::new(),
+        (_, [one]) => format!(" in joint {one}"),
+        _ => format!(" in joints {}", list.join(", ")),
+    }
+}
+
+fn sentence(word: Word, rows: &[Row]) -> String {
+    let one = |r: &Row| {
+        let name = r
+            .effect
+            .and_then(Effect::from_name)
+            .map_or("a shape that no effect of the library has", Effect::plain);
+        format!("{name}{}", place(r))
+    };
+    let list: Vec<String> = rows.iter().map(one).collect();
+    match word {
+        Word::None => "No cause shows that robots without a cause do not show as well.".into(),
+        Word::Unknown => format!(
+            "Something is there that no effect of the library explains: {}.",
+            list.join("; ")
+        ),
+        Word::Parametric | Word::PartlyExplained => {
+            format!("Causes, strongest first: {}.", list.join("; "))
+        }
+    }
+}
+
+impl Explained {
+    /// Causes in words and numbers, decided by `calibration`.
+    pub(in crate::whole) fn rows(&self, calibration: &Calibration) -> Causes {
+        let problem = self.problem();
+        let posterior = problem.posterior(&self.found.best.members);
+        let members = self.found.best.members.iter().enumerate();
+        let mut rows: Vec<Row> = members
+            .map(|(i, m)| {
+                let cause = &self.causes[*m];
+                let alternatives = alternatives(&self.causes, cause, &self.found.rivals[i]);
+                let others: f64 = alternatives.iter().map(|a| libm::exp(-a.margin)).sum();
+                let evidence = self.found.gains[i];
+                let p_value = calibration.p_value(evidence);
+                let kind = match cause.effect {
+                    None => "open",
+                    Some(e) if e.is_base() => "parametric",
+                    Some(_) => "structural",
+                };
+                Row {
+                    effect: cause.effect.map(Effect::name),
+                    stage: cause.effect.map(|e| e.stage().name()),
+                    scope: cause.scope,
+                    joints: cause.joints.clone(),
+                    kind,
+                    values: values(cause, &posterior, posterior.first[i]),
+                    probability: (1.0 - p_value) / (1.0 + others),
+                    p_value,
+                    evidence,
+                    alternatives,
+                }
+            })
+            .collect();
+        rows.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let word = match rows.first() {
+            None => Word::None,
+            Some(_) if rows.iter().any(|r| r.effect.is_none()) => Word::Unknown,
+            Some(_) if rows.iter().all(|r| r.kind == "parametric") => Word::Parametric,
+            Some(_) => Word::PartlyExplained,
+        };
+        let next = self.found.next.map_or(0.0, |n| n.1);
+        let none = if rows.is_empty() {
+            calibration.p_value(next).min(1.0)
+        } else {
+            0.0
+        };
+        let open = rows.iter().filter(|r| r.effect.is_none());
+        let unknown = open.map(|r| r.probability).fold(0.0, f64::max);
+        Causes {
+            schema: "rb.gap/2",
+            verdict: word,
+            sentence: sentence(word, &rows),
+            causes: rows,
+            probabilities: Probabilities { none, unknown },
+            least_evidence: calibration.least(),
+            null_robots: calibration.strongest.len(),
+        }
+    }
+
+    /// Evidence of the strongest cause, named or not: what a robot without a cause adds to a calibration.
+    pub(in crate::whole) fn strongest(&self) -> f64 {
+        let next = self.found.next.map_or(f64::NEG_INFINITY, |n| n.1);
+        self.found.gains.iter().copied().fold(next, f64::max)
+    }
+}
