@@ -6,8 +6,8 @@ use std::time::Duration;
 use control::gait::Gait;
 use indicatif::ProgressBar;
 use protocol::link::{
-    Digest, EndReason, EventKind, FromModule, ModuleState, RunEnd, Sample, SampleBlock, Tag,
-    TelemetryRate, ToModule,
+    Digest, EndReason, EventKind, FromModule, ModuleState, Reject, RunEnd, Sample, SampleBlock,
+    Tag, TelemetryRate, ToModule,
 };
 
 use crate::context::Context;
@@ -26,6 +26,17 @@ const APPROACH: Duration = Duration::from_secs(20);
 /// Longest wait for the end of a run after STOP: amplitudes run down within it.
 const STOPPING: Duration = Duration::from_secs(6);
 
+/// A gait that takes over in mid-run.
+#[derive(Debug, Clone, Copy)]
+pub struct Change {
+    /// Slot.
+    pub slot: u8,
+    /// Digest of the gait in it.
+    pub digest: Digest,
+    /// Time from the first step of the gait.
+    pub after: Duration,
+}
+
 /// What to run.
 #[derive(Debug, Clone)]
 pub struct Order {
@@ -43,6 +54,8 @@ pub struct Order {
     pub rate_hz: u32,
     /// Wait before the first movement.
     pub countdown: Duration,
+    /// What takes over in mid-run.
+    pub then: Option<Change>,
 }
 
 /// Lease of a tethered run: of four heartbeats three may be lost.
@@ -84,6 +97,8 @@ struct Run<'a> {
     reconnects: u32,
     dropped: u32,
     next_beat: Duration,
+    /// When the change of gait is to be ordered, link time.
+    change_at: Option<Duration>,
     /// Somebody changed the gait in this run: its set-points are not those of the order's gait.
     changed: bool,
     bar: ProgressBar,
@@ -120,6 +135,7 @@ pub fn run(
         reconnects: 0,
         dropped: 0,
         next_beat: Duration::ZERO,
+        change_at: None,
         changed: false,
         bar,
     };
@@ -201,6 +217,7 @@ impl Run<'_> {
         let mut heard = self.robot.link().now();
         loop {
             self.beat(until)?;
+            self.change(until)?;
             match self.robot.next(Duration::from_millis(100)) {
                 Ok(Some(message)) => {
                     heard = self.robot.link().now();
@@ -252,6 +269,33 @@ impl Run<'_> {
         }
     }
 
+    /// Orders the change of gait when its time has come.
+    fn change(&mut self, until: Duration) -> Result<(), Stop> {
+        let (Some(then), Some(at)) = (self.order.then, self.change_at) else {
+            return Ok(());
+        };
+        if self.robot.link().now() < at {
+            return Ok(());
+        }
+        let (slot, digest, tag) = (then.slot, then.digest, Tag::NONE);
+        match self
+            .robot
+            .order(&ToModule::ChangeGait { slot, digest, tag })
+        {
+            Err(error) if error.is_lost_link() => return self.find_again(&error, until),
+            Err(LinkError::Refused {
+                reason: Reject::State { .. },
+                ..
+            }) => self
+                .context
+                .out
+                .warn("the run was over before the gait could be changed"),
+            other => other?,
+        }
+        self.change_at = None;
+        Ok(())
+    }
+
     /// Asks a silent robot for its state.
     fn has_ended(&mut self, until: Duration) -> Result<bool, Stop> {
         match self.robot.info() {
@@ -297,6 +341,10 @@ impl Run<'_> {
             FromModule::SampleBlock(block) => self.block(&block)?,
             FromModule::Event(event) => {
                 self.changed |= matches!(event.kind, EventKind::GaitChanged { .. });
+                if matches!(event.kind, EventKind::RunStarted { .. }) {
+                    let now = self.robot.link().now();
+                    self.change_at = self.order.then.map(|then| now + then.after);
+                }
                 let row = telemetry::event_row(self.run, &event);
                 self.context.out.detail(format_args!(
                     "{:>10.3} s  {:12} {}",

@@ -165,6 +165,7 @@ pub fn take(context: &Context, uri: &PortUri, set: &SetFolder, take: &Take) -> O
         duration: take.duration,
         rate_hz: take.rate_hz,
         countdown: MARK,
+        then: None,
         lease: runner::lease(uri, take.autonomous),
     };
     let path = set.recording_path(&take.name);

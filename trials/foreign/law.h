@@ -1,6 +1,6 @@
-// One motor of the meta-module as reality has it: transport, servo, motor, gear. Written for robots that physics engines
-// play; it shares nothing with the simulator, the emulated robot or the diagnosis of this project. The Python side reads
-// the enumerations below.
+// One motor of the meta-module as reality has it: transport, servo, motor, gear. Written for robots that physics
+// engines play; it shares nothing with the simulator, the emulated robot or the diagnosis of this project. The Python
+// side reads the enumerations below.
 #pragma once
 
 #define JOINTS 6

@@ -166,7 +166,8 @@ def build(engine, robot, contact):
     damping = z / math.sqrt(math.pi**2 + z * z)
     constant = max(1.0 / (robot.contact_rad_s * damping), 0.0021)
     across = robot.anisotropy[0]
-    # Along `direction` friction is the coefficient, across it that times the ratio; tangents of a contact with the plane are y, then x.
+    # Along `direction` friction is the coefficient, across it that times the ratio; tangents of a contact with the
+    # plane are y, then x.
     model.pair_friction[:, 0], model.pair_friction[:, 1] = robot.friction * across, robot.friction
     model.pair_friction[:, 2] = max(robot.torsion_m, contact["torsion_m"])
     model.pair_friction[:, 3:] = 1e-5

@@ -1,6 +1,6 @@
-// One run of a robot in ODE with the joint law of law.c in the loop, and the forks that mujoco_play.c describes. Bodies are
-// rigid, hinges have ODE's own motors, contacts are made from surface points below the ground, the deepest eight of a
-// half-sphere.
+// One run of a robot in ODE with the joint law of law.c in the loop, and the forks that mujoco_play.c describes.
+// Bodies are rigid, hinges have ODE's own motors, contacts are made from surface points below the ground, the deepest
+// eight of a half-sphere.
 #include "law.h"
 #include <math.h>
 #include <ode/ode.h>

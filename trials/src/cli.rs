@@ -80,7 +80,8 @@ fn host(given: Option<&PathBuf>) -> Result<PathBuf> {
     Ok(beside)
 }
 
-/// Diagnoses a folder in a process of its own; the verdict comes into being complete or not at all. False where the diagnosis failed.
+/// Diagnoses a folder in a process of its own; the verdict comes into being complete or not at all. False where the
+/// diagnosis failed.
 fn diagnose(host: &Path, folder: &Path, verdict: &Path, more: &[&str]) -> Result<bool> {
     if verdict.exists() {
         return Ok(true);

@@ -1,7 +1,7 @@
 //! How much of a cause a recording shows, once the nominal numbers were fitted in its place.
 
-/// What every cause adds to chi-square, and what stays of that. `causes` and `nuisances` are differences that leaving one out, or
-/// shifting one nominal number by its tolerance, makes, in units of the noise.
+/// What every cause adds to chi-square, and what stays of that. `causes` and `nuisances` are differences that leaving
+/// one out, or shifting one nominal number by its tolerance, makes, in units of the noise.
 ///
 /// The nominal numbers are fitted linearly, each held by its tolerance.
 #[must_use]

@@ -7,7 +7,8 @@ use hil_sim::rng::Rng;
 
 use crate::joint::log_uniform;
 
-/// One graft. The robot did what it did; what is changed is what was written down, so that the recording is that of a robot with the fault.
+/// One graft. The robot did what it did; what is changed is what was written down, so that the recording is that of a
+/// robot with the fault.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Graft {
     /// Nothing.
@@ -99,7 +100,8 @@ impl Graft {
     }
 }
 
-/// The first `longest_s` of a recording with a graft, as CSV. A set-point that is listed between two readings gets a row of its own.
+/// The first `longest_s` of a recording with a graft, as CSV. A set-point that is listed between two readings gets a
+/// row of its own.
 pub fn csv(
     recording: &Recording,
     motion: Motion,

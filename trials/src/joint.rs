@@ -145,7 +145,8 @@ fn against_stated(plan: &Plan, planted: &Planted) -> Planted {
     }
 }
 
-/// Per cause what it adds to chi-square, and what stays of that once the stated numbers were fitted within their tolerances.
+/// Per cause what it adds to chi-square, and what stays of that once the stated numbers were fitted within their
+/// tolerances.
 fn shown(plan: &Plan, recorded: &[[Vec<record::Row>; REPEATS]]) -> Vec<(f64, f64)> {
     if plan.planted.is_empty() {
         return Vec::new();

@@ -80,8 +80,8 @@ const NOMINAL_SIGMAS: f64 = 3.0;
 const RIVAL_CHI2: f64 = 9.0;
 
 impl Cause {
-    /// Whether a diagnosis could name it: enough chi-square beyond nominal numbers, no nominal number within its tolerances, and no
-    /// rival that does as well.
+    /// Whether a diagnosis could name it: enough chi-square beyond nominal numbers, no nominal number within its
+    /// tolerances, and no rival that does as well.
     #[must_use]
     pub fn identifiable(&self, least: f64) -> bool {
         self.delta_chi2_refitted >= least

@@ -1,12 +1,15 @@
-//! Cases for a blind check of a diagnosis: data set folders of a whole emulated robot on the ground, with planted causes.
+//! Cases for a blind check of a diagnosis: data set folders of a whole emulated robot on the ground, with planted
+//! causes.
 //!
-//! Reality here: Table II's servo on DC motors by this crate's own code (LuGre friction, own play and springs, supply, heat), drivers at
-//! 1 kHz, sensors with noise. The body is the physics crate's at 1 ms (0.5 ms with play) with 24 sweeps, where the simulator's defaults are
-//! 4 ms and 12. The body's equations are therefore shared with the simulator, its time step, solver accuracy and every constant are not.
-//! Each case draws masses, friction, bounce, ERP, CFM, gains, limits, motor constants and camera height within their tolerances. So "no effect"
-//! is not "no difference". `gravity_load` and the effects of body and connector are the body's own switches.
+//! Reality here: Table II's servo on DC motors by this crate's own code (LuGre friction, own play and springs, supply,
+//! heat), drivers at 1 kHz, sensors with noise. The body is the physics crate's at 1 ms (0.5 ms with play) with 24
+//! sweeps, where the simulator's defaults are 4 ms and 12. The body's equations are therefore shared with the
+//! simulator, its time step, solver accuracy and every constant are not. Each case draws masses, friction, bounce,
+//! ERP, CFM, gains, limits, motor constants and camera height within their tolerances. So "no effect" is not "no
+//! difference". `gravity_load` and the effects of body and connector are the body's own switches.
 //!
-//! Each gait is recorded three times, with fresh ground friction (2 %), heading, homing error, battery, joint torques and noise.
+//! Each gait is recorded three times, with fresh ground friction (2 %), heading, homing error, battery, joint torques
+//! and noise.
 
 mod draw;
 mod drive;

@@ -63,8 +63,8 @@ impl Case {
         same(&truth.effect) == same(effect) || also.any(|a| a == effect)
     }
 
-    /// Whether a place that was said is that of the cause. A weight has a body, not a joint; the scale of a column is said of
-    /// the robot or of its joints.
+    /// Whether a place that was said is that of the cause. A weight has a body, not a joint; the scale of a column is
+    /// said of the robot or of its joints.
     fn placed(truth: &Cause, joints: &BTreeSet<usize>) -> bool {
         let anywhere = ["column_scale", "body_mass", "payload"];
         anywhere.contains(&truth.effect.as_str()) || truth.joints == *joints
@@ -114,8 +114,8 @@ impl Case {
         Some((first["stage"].as_str()?.to_owned(), read::joints(first)))
     }
 
-    /// Whether stage and joints are right: of the first cause said, else of the first place of the gap, which may be one of
-    /// the cause's joints.
+    /// Whether stage and joints are right: of the first cause said, else of the first place of the gap, which may be
+    /// one of the cause's joints.
     #[must_use]
     pub fn place(&self) -> bool {
         let said = self.said.first().filter(|_| self.word() != "unknown");

@@ -15,7 +15,7 @@ use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::gait_file;
 use crate::link::{PortUri, Robot, text};
-use crate::runner::{self, Order, RunReport};
+use crate::runner::{self, Change, Order, RunReport};
 use crate::settings::Key;
 use crate::takes::{self, Take, open_recording};
 use crate::upload::{self, Options};
@@ -55,6 +55,17 @@ pub struct Args {
     /// Let the robot run to its end when this computer or the link is gone; else it stops within a second. `sim:` always does
     #[arg(long)]
     autonomous: bool,
+    /// Gait file that takes over in mid-run, smoothly; uploaded first
+    #[arg(
+        long,
+        value_name = "GAIT",
+        requires = "after",
+        conflicts_with = "dataset"
+    )]
+    then: Option<PathBuf>,
+    /// When it takes over, from the first step of the gait; the robot plans one second ahead
+    #[arg(long, value_name = "TIME", requires = "then", value_parser = parse_duration)]
+    after: Option<Duration>,
     /// Attach this model file to the recording
     #[arg(short, long, value_name = "FILE")]
     model: Option<PathBuf>,
@@ -97,9 +108,12 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     if let Some(path) = &args.record {
         disk::must_be_free(path, args.force)?;
     }
+    let second = args.then.as_deref();
+    let second = second.map(|path| load(args, context, path)).transpose()?;
     let mut robot = context.connect_to(&context.port_to_move()?)?;
     let (slot, digest, gait) = place(args, &mut robot, gait)?;
-    let order = order(args, context, slot, digest, gait)?;
+    let mut order = order(args, context, slot, digest, gait)?;
+    order.then = place_second(args, &mut robot, second, slot)?;
     let mut recorder = match &args.record {
         Some(path) => Some(open_recording(
             path,
@@ -275,6 +289,39 @@ fn place(args: &Args, robot: &mut Robot, gait: Option<Gait>) -> Outcome<(u8, Dig
     }
 }
 
+/// Uploads the gait that takes over, into another slot than the first one's.
+fn place_second(
+    args: &Args,
+    robot: &mut Robot,
+    gait: Option<Gait>,
+    first: u8,
+) -> Outcome<Option<Change>> {
+    let (Some(gait), Some(after)) = (gait, args.after) else {
+        return Ok(None);
+    };
+    let options = Options {
+        slot: None,
+        activate: false,
+        verify: true,
+    };
+    let stored = upload::upload(robot, &gait, options)?;
+    if stored.slot == first {
+        return Err(Failure::say(
+            Exit::Usage,
+            format!(
+                "both gaits are called `{}`, and a name has one slot",
+                gait.name()
+            ),
+        )
+        .hint("rename one of them, or give the first one its --slot"));
+    }
+    Ok(Some(Change {
+        slot: stored.slot,
+        digest: stored.digest,
+        after,
+    }))
+}
+
 fn order(args: &Args, context: &Context, slot: u8, digest: Digest, gait: Gait) -> Outcome<Order> {
     Ok(Order {
         slot,
@@ -285,6 +332,7 @@ fn order(args: &Args, context: &Context, slot: u8, digest: Digest, gait: Gait) -
         rate_hz: rate_hz(args, context)?,
         lease: runner::lease(&context.port()?, args.autonomous),
         countdown: args.countdown.unwrap_or_default(),
+        then: None,
         gait,
     })
 }

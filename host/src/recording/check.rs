@@ -196,13 +196,15 @@ impl core::fmt::Display for At<'_> {
     }
 }
 
-/// The first set-point that the gait does not give. Held cycles repeat the last safe pose and are left out.
+/// The first set-point that the gait does not give. Held cycles repeat the last safe pose; they end the comparison, and so does a change of gait.
 fn other_setpoints(run: &RunData, gait: &Gait) -> Option<FindingKind> {
     if run.start.as_ref().is_none_or(|s| s.gait != gait.name()) {
         return None;
     }
     let duration_s = run.start.as_ref().map_or(0.0, |s| s.duration_s);
     let cycles = (duration_s / f64::from(control::CYCLE_S)).round() as u32;
+    let changed = run.events.iter().filter(|e| e.kind == "gait_changed");
+    let changed_us = changed.map(|e| e.t_us).min();
     let mut state = control::cpg::start(gait);
     let mut samples = run
         .samples
@@ -214,7 +216,7 @@ fn other_setpoints(run: &RunData, gait: &Gait) -> Option<FindingKind> {
         let Some(sample) = samples.next_if(|s| s.cycle == cycle + 1) else {
             continue;
         };
-        if sample.hold {
+        if sample.hold || changed_us.is_some_and(|us| sample.t_us > us) {
             return None;
         }
         for (joint, (row, want)) in sample.joints.iter().zip(expected.as_slice()).enumerate() {

@@ -5,6 +5,7 @@ mod bad_gaits;
 mod bench;
 mod browser;
 mod camera;
+mod change;
 mod commands;
 mod docs;
 mod dropout;

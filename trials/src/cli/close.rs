@@ -59,7 +59,8 @@ const REPEATS: u64 = 3;
 /// Frames per second of the films that are compared.
 const FILM_HZ: f64 = 5.0;
 
-/// One motion: poses of body 3 and link angles, moved so that it begins at the origin and looks along its first heading.
+/// One motion: poses of body 3 and link angles, moved so that it begins at the origin and looks along its first
+/// heading.
 struct Motion {
     base: Vec<Pose>,
     link_rad: Vec<[f32; JOINTS]>,

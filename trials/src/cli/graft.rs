@@ -1,10 +1,12 @@
-//! `rb-trials graft`: exact faults of the measurement layer put onto real recordings, and whether the diagnosis finds them.
+//! `rb-trials graft`: exact faults of the measurement layer put onto real recordings, and whether the diagnosis finds
+//! them.
 //!
-//! A real recording has a gap of its own. So the motions of a data set are split in two: the diagnosis of the first half (`gap report --patch`)
-//! is the baseline. The second half gets the graft and is diagnosed on top of that baseline (`gap report --baseline`), in a process that is
-//! given the two files and nothing else. A graft counts as found when the first effect that the ungrafted second half does not have
-//! already is the grafted one. Ungrafted halves count as right when nothing is named on top of the baseline, lost readings when nothing is named
-//! that the ungrafted half has not.
+//! A real recording has a gap of its own. So the motions of a data set are split in two: the diagnosis of the first
+//! half (`gap report --patch`) is the baseline. The second half gets the graft and is diagnosed on top of that
+//! baseline (`gap report --baseline`), in a process that is given the two files and nothing else. A graft counts as
+//! found when the first effect that the ungrafted second half does not have already is the grafted one. Ungrafted
+//! halves count as right when nothing is named on top of the baseline, lost readings when nothing is named that the
+//! ungrafted half has not.
 
 use std::fs;
 use std::path::{Path, PathBuf};

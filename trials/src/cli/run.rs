@@ -21,7 +21,8 @@ pub(super) struct Args {
     /// The program that diagnoses; absent = rb-host beside this one
     #[arg(long, value_name = "FILE")]
     host: Option<PathBuf>,
-    /// Withhold the planted effect of every single of these labels: the diagnosis must then say "unknown"; nothing else is diagnosed
+    /// Withhold the planted effect of every single of these labels: the diagnosis must then say "unknown"; nothing
+    /// else is diagnosed
     #[arg(long, value_name = "LABELS")]
     leave_one_out: Option<PathBuf>,
     /// Processes at once; 0 = one per core

@@ -207,7 +207,8 @@ pub(super) fn without(rng: &mut Rng) -> Vec<Signal> {
     all.filter(|s| rng.chance(missing(s))).collect()
 }
 
-/// The part of a range, of its logarithm, that sizes are drawn from: all of it, or the middle where moderate causes meet.
+/// The part of a range, of its logarithm, that sizes are drawn from: all of it, or the middle where moderate causes
+/// meet.
 type Part = [f64; 2];
 const WHOLE: Part = [0.0, 1.0];
 const MIDDLE: Part = [0.3, 0.75];

@@ -1,8 +1,9 @@
 //! One joint of the whole robot: Table II's servo on a DC motor behind a gear.
 //!
-//! The servo asks for the speed v = clamp(P (set-point - encoder), +-vmax), a thousand times a second. The gear turns at that speed as long as the
-//! motor can give the torque it takes; current and duty are what the motor needs for it. There is no rotor inertia, as in
-//! Table II's servo. With play or a spring the rotor is a body of its own and drives the link through it.
+//! The servo asks for the speed v = clamp(P (set-point - encoder), +-vmax), a thousand times a second. The gear turns
+//! at that speed as long as the motor can give the torque it takes; current and duty are what the motor needs for it.
+//! There is no rotor inertia, as in Table II's servo. With play or a spring the rotor is a body of its own and drives
+//! the link through it.
 
 use std::collections::VecDeque;
 
@@ -88,7 +89,8 @@ pub(super) const TICK_S: f64 = 1e-3;
 const SHUNT_S: f64 = 2e-3;
 /// Inertia of gear output and link flange where the rotor is a body of its own, kg m2.
 pub(super) const FLANGE_KG_M2: f64 = 1e-3;
-/// Speed by which a joint may miss what it was asked for and count as following: what sweeps of the solver leave, rad/s.
+/// Speed by which a joint may miss what it was asked for and count as following: what sweeps of the solver leave,
+/// rad/s.
 const BEHIND_RAD_S: f64 = 0.02;
 /// Average of the torque that sets the speed at full duty, s: shorter ones ring with the body's own constraint.
 const LINE_S: f64 = 0.02;
@@ -262,8 +264,8 @@ impl DriveState {
         self.current_a += (self.motor.current_a - self.current_a) * (dt_s / SHUNT_S).min(1.0);
     }
 
-    /// Goes on in another reality, in which the encoder reads `encoder_rad` and moves `factor` times as fast: without play the link stands
-    /// there too, else it keeps its twist. Returns angle and speed of the link.
+    /// Goes on in another reality, in which the encoder reads `encoder_rad` and moves `factor` times as fast: without
+    /// play the link stands there too, else it keeps its twist. Returns angle and speed of the link.
     pub(super) fn rejoin(&mut self, p: &DriveParams, encoder_rad: f64, factor: f64) -> (f64, f64) {
         let motor = &mut self.motor;
         let gear_rad = encoder_rad - p.motor.encoder_error_rad(motor);

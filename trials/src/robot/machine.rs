@@ -150,7 +150,8 @@ fn first(gait: &Gait) -> [f64; JOINTS] {
 }
 
 impl<'a> Machine<'a> {
-    /// The robot at the first set-points, at rest, the gait about to begin. `run` draws what differs between runs; `None` = nothing.
+    /// The robot at the first set-points, at rest, the gait about to begin. `run` draws what differs between runs;
+    /// `None` = nothing.
     pub(super) fn new(
         reality: &'a Reality,
         gait: &'a Gait,
@@ -206,8 +207,8 @@ impl<'a> Machine<'a> {
         Some(machine)
     }
 
-    /// Goes on from a snapshot of a machine of the same gait in the reality `was`, with the same readings and the same pose of the base: of the
-    /// rest no recording tells.
+    /// Goes on from a snapshot of a machine of the same gait in the reality `was`, with the same readings and the same
+    /// pose of the base: of the rest no recording tells.
     pub(super) fn resume(
         reality: &'a Reality,
         gait: &'a Gait,

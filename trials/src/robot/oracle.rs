@@ -14,7 +14,8 @@ const LOOKED: usize = 2;
 /// Noise of a silhouette's centre, pixels: a third of an edge pixel's width over some hundred edge pixels, and the cut.
 const CENTRE_PX: f64 = 0.5;
 
-/// Channels: six each of encoder, current or effort, duty and applied set-point, then bus, rates, base position, base attitude.
+/// Channels: six each of encoder, current or effort, duty and applied set-point, then bus, rates, base position, base
+/// attitude.
 const CHANNELS: usize = 4 * JOINTS + 1 + 3 + 3 + 3;
 const BASE: usize = 4 * JOINTS + 4;
 

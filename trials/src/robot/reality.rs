@@ -12,7 +12,8 @@ use hil_sim::motor::JointKind;
 use hil_sim::rng::Rng;
 use hil_sim::supply::SupplyParams;
 
-/// Relative 1-sigma tolerances with which motor constant, resistance and supply are drawn; at most those of the shipped model.
+/// Relative 1-sigma tolerances with which motor constant, resistance and supply are drawn; at most those of the
+/// shipped model.
 const MOTOR_TOLERANCE: [f64; 3] = [0.03, 0.03, 0.01];
 
 /// Tolerances of the case's model file: a robot whose makers measured it. The shipped ones are those of a first guess.
@@ -137,7 +138,8 @@ impl Reality {
         Some(reality)
     }
 
-    /// Plants a cause. A ratio is one to the stated nominal value, so it takes the place of what was drawn within its tolerance.
+    /// Plants a cause. A ratio is one to the stated nominal value, so it takes the place of what was drawn within its
+    /// tolerance.
     fn plant(&mut self, cause: &Planted, model: &mut Model) {
         let value = |k: usize| cause.parameters.get(k).map_or(0.0, |p| p.1);
         let (x, y) = (value(0), value(1));
@@ -245,8 +247,8 @@ impl Reality {
     }
 }
 
-/// Nominal numbers that a diagnosis may fit in a cause's place: friction, masses, bounce; gain, speed, torque and damping of either kind of
-/// joint; torque constant, winding, supply.
+/// Nominal numbers that a diagnosis may fit in a cause's place: friction, masses, bounce; gain, speed, torque and
+/// damping of either kind of joint; torque constant, winding, supply.
 pub(super) const NUDGES: usize = 14;
 
 /// Adds its tolerance to a nominal number.

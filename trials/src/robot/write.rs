@@ -14,9 +14,9 @@ use super::reality::CameraTruth;
 use super::{CAMERA_HEIGHT_M, JOINTS, Plan, REPEATS, Signal};
 use hil_sim::rng::Rng;
 
-/// Noise of a sensor, 1 sigma. Encoder: 10 urad edges and a shaft that trembles. Speed: differences over 10 ms. Current and duty: X-series
-/// steps of 2.7 mA and 0.1 %, and noise above them. Torque sensor 0.03 N m, bus 20 mV. Rate gyro and accelerometer: a MEMS sensor at
-/// 40 Hz. Base: a tracked marker.
+/// Noise of a sensor, 1 sigma. Encoder: 10 urad edges and a shaft that trembles. Speed: differences over 10 ms.
+/// Current and duty: X-series steps of 2.7 mA and 0.1 %, and noise above them. Torque sensor 0.03 N m, bus 20 mV. Rate
+/// gyro and accelerometer: a MEMS sensor at 40 Hz. Base: a tracked marker.
 pub(super) const POSITION_RAD: f64 = 2.0e-4;
 pub(super) const SPEED_RAD_S: f64 = 0.01;
 pub(super) const CURRENT_A: f64 = 5.0e-3;

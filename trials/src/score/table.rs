@@ -90,7 +90,8 @@ fn target(own: bool, ours: &'static str, theirs: &'static str) -> &'static str {
     if own { ours } else { theirs }
 }
 
-/// The figures of cases of one side: `own` emulator or other engines. `least`: chi-square beyond nominal numbers of what can be named.
+/// The figures of cases of one side: `own` emulator or other engines. `least`: chi-square beyond nominal numbers of
+/// what can be named.
 #[must_use]
 pub fn table(cases: &[&Case], own: bool, least: f64) -> Vec<Figure> {
     let clear = |c: &Case| c.label.identifiable(least);
