@@ -345,9 +345,9 @@ fn position_command(problem: &Problem) -> bool {
 pub fn words(e: &Experiment, effects: &[Effect], linear: bool) -> String {
     let m = &e.motion;
     let start = m.setpoints.first().map_or(0.0, |s| s.1);
-    let unit = if linear { "m" } else { "rad" };
+    let start = format!("{:.0} {}", 1e3 * start, if linear { "mm" } else { "mrad" });
     let mut out = format!(
-        "Bring the joint to {start:.2} {unit} and play the {} of the motion file ({:.0} s, inside what it was asked for so far) three times",
+        "Bring the joint to {start} and play the {} of the motion file three times ({:.0} s, within the angles and speeds of the recordings)",
         m.name,
         m.duration_s()
     );
@@ -356,10 +356,10 @@ pub fn words(e: &Experiment, effects: &[Effect], linear: bool) -> String {
         out.push_str(&format!("; record {} too", names.join(" and ")));
     }
     if let Some(s) = e.separation {
-        let names: Vec<&str> = effects.iter().map(|e| e.name()).collect();
+        let names: Vec<&str> = effects.iter().map(|e| e.plain()).collect();
+        let names = crate::report::words::listed(&names, names.len(), "and");
         out.push_str(&format!(
-            "; expected to tell {} apart by {s:.0} standard deviations",
-            names.join(", ")
+            ". This distinguishes {names} by about {s:.0} standard deviations"
         ));
     }
     out.push('.');

@@ -5,12 +5,18 @@
 mod joint;
 mod markdown;
 mod page;
+mod place;
 mod plot;
 mod regimes;
-mod words;
+mod stairs;
+mod style;
+mod subject;
+pub(crate) mod words;
 
 pub use joint::html;
 pub use markdown::markdown;
-pub(crate) use page::{Evidence, html as page, table};
+pub(crate) use page::table;
+pub use page::{Evidence, html as page};
 pub(crate) use plot::{Axes, Curve, plot};
+pub use subject::Subject;
 pub(crate) use words::{escape, number};

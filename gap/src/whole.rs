@@ -71,6 +71,7 @@ use files::model::{Key, Model};
 use physics::{Params, ParamsError};
 
 use crate::decide::Calibration;
+use crate::report::Subject;
 use crate::verdict::Verdict;
 use crate::vocabulary::Effect;
 pub use camera::Film;
@@ -193,10 +194,10 @@ impl Diagnosis {
         patch::patched(&self.model, patch::parts(&self.verdict.effects))
     }
 
-    /// The report as one page.
+    /// The report as one page on the data set that `subject` describes.
     #[must_use]
-    pub fn html(&self) -> String {
-        page::html(&self.verdict, &self.joints, self.replay.as_ref())
+    pub fn html(&self, subject: &Subject) -> String {
+        page::html(&self.verdict, subject, &self.joints, self.replay.as_ref())
     }
 
     /// Adds the error of whole runs, which no window restarts: nominal, on the contacts that windows show, and with the patch.

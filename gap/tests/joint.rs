@@ -4,6 +4,7 @@ mod common;
 
 use files::dataset::{Manifest, Recording, Signal};
 use gap::joint::{P, Params, Problem, Trace, simulate};
+use gap::report::Subject;
 use gap::select::Options;
 use gap::verdict::Word;
 use gap::{Settings, diagnose};
@@ -293,7 +294,7 @@ fn probabilities_and_shares_sum_to_one_and_the_patch_reads_back() {
         gap::patch::parse(&gap::patch::to_toml(&d)).expect("reads"),
         d.selection.model.params
     );
-    let html = gap::report::html(&d);
+    let html = gap::report::html(&d, &Subject::new(&m, None));
     for forbidden in ["http://", "https://", "src=", "@import"] {
         assert!(!html.contains(forbidden), "{forbidden}");
     }

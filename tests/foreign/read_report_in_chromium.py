@@ -1,6 +1,9 @@
 """Opens report pages in headless Chromium over its debugging pipe and says, as JSON, what a reader would meet.
 
-Standard library only. Usage: read_report_in_chromium.py CHROMIUM PAGE.html
+Standard library only. Usage:
+    read_report_in_chromium.py CHROMIUM PAGE.html
+    read_report_in_chromium.py CHROMIUM --pictures NEW_FOLDER OLD_FOLDER PAGE.html...
+The second form writes a picture of the first screen of every page to NEW_FOLDER and compares it with that in OLD_FOLDER.
 """
 
 import base64
@@ -62,7 +65,19 @@ class Browser:
             self.events.append(self.receive())
 
     def value(self, expression):
-        return self.call("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        return answer["result"].get("value")
+
+    def media(self, media="", scheme="light"):
+        self.call("Emulation.setEmulatedMedia", media=media, features=[{"name": "prefers-color-scheme", "value": scheme}])
+
+    def screen(self, width, height, mobile=False):
+        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile)
+
+    def open(self, page):
+        self.events = [e for e in self.events if e.get("method") != "Page.loadEventFired"]
+        self.call("Page.navigate", url="file://" + os.path.abspath(page))
+        self.wait_for("Page.loadEventFired")
 
     def key(self, name, code):
         for kind in ("rawKeyDown", "keyUp"):
@@ -87,11 +102,81 @@ def complaints(events):
     return out
 
 
+# Words that a reader sees without scrolling.
+FIRST_SCREEN = """(() => {
+  const walk = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT), seen = [], range = document.createRange();
+  while (walk.nextNode()) {
+    range.selectNodeContents(walk.currentNode);
+    const box = range.getBoundingClientRect();
+    if (box.width && box.bottom <= innerHeight) seen.push(walk.currentNode.textContent);
+  }
+  return seen.join(" ").split(/\\s+/).join(" ");
+})()"""
+
+# Mean difference of two pictures in grey, from 0 to 1, each shrunk so that single letters do not count.
+DIFFERENCE = """(async () => {
+  const small = async data => {
+    const image = new Image();
+    image.src = "data:image/png;base64," + data;
+    await image.decode();
+    const canvas = document.createElement("canvas");
+    [canvas.width, canvas.height] = [110, 76];
+    const pen = canvas.getContext("2d");
+    pen.drawImage(image, 0, 0, 110, 76);
+    return pen.getImageData(0, 0, 110, 76).data;
+  };
+  const [a, b] = [await small("%s"), await small("%s")];
+  let sum = 0;
+  a.forEach((x, i) => { sum += Math.abs(x - b[i]); });
+  return sum / (255 * 0.75 * a.length);
+})()"""
+
+
+def pictures(browser, new, old, pages):
+    """Pictures of the first screens, what they say, and how far they are from those in the folder `old`."""
+    for domain in ("Page", "Runtime", "Log", "Network"):
+        browser.call(domain + ".enable")
+    out = {}
+    for page in pages:
+        name = os.path.splitext(os.path.basename(page))[0]
+        browser.screen(1100, 760)
+        browser.media()
+        browser.open(page)
+        seen = {"first_screen": browser.value(FIRST_SCREEN)}
+        data = browser.call("Page.captureScreenshot", format="png")["data"]
+        with open(os.path.join(new, name + ".png"), "wb") as file:
+            file.write(base64.b64decode(data))
+        reference = os.path.join(old, name + ".png")
+        if os.path.exists(reference):
+            with open(reference, "rb") as file:
+                before = base64.b64encode(file.read()).decode()
+            seen["difference"] = browser.value(DIFFERENCE % (data, before))
+        seen["dark"] = dark(browser)
+        browser.screen(360, 740, mobile=True)
+        seen["phone_width_px"] = browser.value("document.documentElement.scrollWidth")
+        for suffix, shown in (("phone", (360, 740)), ("dark", (1100, 760))):
+            browser.screen(*shown)
+            browser.media(scheme="dark" if suffix == "dark" else "light")
+            data = browser.call("Page.captureScreenshot", format="png")["data"]
+            with open(os.path.join(new, name + "-" + suffix + ".png"), "wb") as file:
+                file.write(base64.b64decode(data))
+        out[name] = seen
+    return out
+
+
+def dark(browser):
+    """Whether a reader who asks for dark pages gets light ink on dark paper."""
+    browser.media(scheme="dark")
+    style = "getComputedStyle(document.body).%s.match(/\\d+/g).slice(0,3).reduce((a,x)=>a+ +x,0)"
+    ink, paper = browser.value(style % "color"), browser.value(style % "backgroundColor")
+    browser.media()
+    return ink > 600 and paper < 150
+
+
 def read(browser, page):
     for domain in ("Page", "Runtime", "Log", "Network"):
         browser.call(domain + ".enable")
-    browser.call("Page.navigate", url="file://" + os.path.abspath(page))
-    browser.wait_for("Page.loadEventFired")
+    browser.open(page)
     out = {"heading": browser.value("document.querySelector('h1').textContent")}
     # By keyboard alone: Tab until the time slider has the focus, then to its start and three steps on.
     tabs = 0
@@ -100,17 +185,19 @@ def read(browser, page):
         tabs += 1
     out["reached_by_tab"] = browser.value("document.activeElement.id") == "time"
     out["times"] = []
+    out["times"].append(browser.value("document.getElementById('now').textContent"))
     browser.key("Home", 36)
     out["times"].append(browser.value("document.getElementById('now').textContent"))
     for _ in range(3):
         browser.key("ArrowRight", 39)
     out["times"].append(browser.value("document.getElementById('now').textContent"))
-    browser.call("Emulation.setDeviceMetricsOverride", width=360, height=740, deviceScaleFactor=2, mobile=True)
+    out["dark"] = dark(browser)
+    browser.screen(360, 740, mobile=True)
     out["phone_width_px"] = browser.value("document.documentElement.scrollWidth")
     browser.call("Emulation.clearDeviceMetricsOverride")
-    browser.call("Emulation.setEmulatedMedia", media="print")
+    browser.media("print")
     out["slider_in_print"] = browser.value("getComputedStyle(document.getElementById('time')).display")
-    browser.call("Emulation.setEmulatedMedia", media="")
+    browser.media()
     pdf = base64.b64decode(browser.call("Page.printToPDF")["data"])
     out["prints"] = pdf.startswith(b"%PDF") and len(pdf) > 2000
     sent = [e["params"]["request"]["url"] for e in browser.events if e.get("method") == "Network.requestWillBeSent"]
@@ -120,10 +207,14 @@ def read(browser, page):
 
 
 def main():
-    chromium, page = sys.argv[1:]
+    chromium, *rest = sys.argv[1:]
     with tempfile.TemporaryDirectory() as profile:
         browser = Browser(chromium, profile)
-        print(json.dumps(read(browser, page)))
+        if rest[0] == "--pictures":
+            new, old, *pages = rest[1:]
+            print(json.dumps(pictures(browser, new, old, pages)))
+        else:
+            print(json.dumps(read(browser, rest[0])))
         browser.close()
 
 

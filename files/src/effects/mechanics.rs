@@ -312,7 +312,7 @@ pub(super) const ROWS: [EffectInfo; 13] = [
         kind: Kind::Parametric,
         plants: &Plant::JOINT,
         plain: "another inertia",
-        sentence: "{joints} turn {ratio} of the nominal inertia.",
+        sentence: "The inertia of {joints} is {ratio} of the nominal one.",
         law: "J = ratio * J_nominal",
         signals: &[EFFORT, CURRENT, DUTY, POSITION],
         confounded: &[
@@ -347,7 +347,7 @@ pub(super) const ROWS: [EffectInfo; 13] = [
         kind: Kind::Parametric,
         plants: &Plant::JOINT,
         plain: "another weight on the joint",
-        sentence: "{joints} carry {ratio} of the nominal weight.",
+        sentence: "The weight on {joints} is {ratio} of the nominal one.",
         law: "tau_g = ratio * tau_g_nominal",
         signals: &[EFFORT, CURRENT, DUTY, POSITION],
         confounded: &[

@@ -17,8 +17,9 @@ use crate::joint::{Channel, Params, Trace, simulate, simulate_all};
 use crate::locate;
 use crate::math;
 use crate::names;
+use crate::report::words::listed;
 use crate::select::{PULL, Search};
-use crate::sentence::{fall, listed};
+use crate::sentence::sentence;
 use crate::verdict::*;
 use crate::vocabulary::{Effect, Stage};
 
@@ -339,33 +340,6 @@ fn ambiguous(d: &Diagnosis) -> Vec<Ambiguous> {
     out
 }
 
-fn sentence(
-    word: Word,
-    gap: &Gap,
-    effects: &[EffectRow],
-    place: &[Where],
-    displaced: &[Displaced],
-) -> String {
-    let names: Vec<&str> = effects.iter().map(|e| e.effect.plain()).collect();
-    let list = listed(&names);
-    let fall = fall(gap);
-    match word {
-        Word::None if displaced.is_empty() => "The model explains the recordings as well as they can be explained; there is no gap to name.".into(),
-        Word::None => "The model explains the recordings as well as they can be explained.".into(),
-        Word::Explained | Word::Parametric => {
-            format!("The gap comes from this: {list}. {fall}.")
-        }
-        Word::PartlyExplained => {
-            let cause = if list.is_empty() { "the calibration alone".to_string() } else { list };
-            format!("A part of the gap is named: {cause}. {fall}; a remainder stays.")
-        }
-        Word::Unknown => {
-            let stage = place.iter().find(|p| p.stage != "unexplained").map_or("drivetrain", |p| p.stage.as_str());
-            format!("There is a gap that no effect in the library explains; look at the {stage}.")
-        }
-    }
-}
-
 /// Nominal values of base effects that calibration took beyond their tolerances without an effect of that name being found:
 /// they take the place of whatever the data shows. The farthest comes first.
 fn displaced(d: &Diagnosis) -> Vec<Displaced> {
@@ -393,8 +367,8 @@ fn taken_off(displaced: &[Displaced]) -> String {
     match displaced {
         [] => String::new(),
         some => format!(
-            " Calibration took stated values off by more than their tolerances: {}.",
-            listed(&some.iter().map(one).collect::<Vec<_>>())
+            " Calibration moved stated values beyond their tolerances: {}.",
+            listed(&some.iter().map(one).collect::<Vec<_>>(), 3, "and")
         ),
     }
 }
@@ -501,7 +475,7 @@ pub(super) fn propose(d: &mut Diagnosis, search: &Search<'_>) {
                 experiment::separating(&d.problem, truth, &others, weight, d.independent)
             };
             let advice = format!(
-                "To tell {} apart: {}.",
+                "To distinguish {}: {}.",
                 list(&effects),
                 names::separate_by(&effects, &d.problem)
             );
@@ -530,11 +504,8 @@ pub(super) fn propose(d: &mut Diagnosis, search: &Search<'_>) {
 }
 
 fn list(effects: &[Effect]) -> String {
-    effects
-        .iter()
-        .map(|e| e.name())
-        .collect::<Vec<_>>()
-        .join(", ")
+    let names: Vec<&str> = effects.iter().map(|e| e.plain()).collect();
+    listed(&names, names.len(), "and")
 }
 
 /// Puts a diagnosis into the public form.
@@ -559,10 +530,7 @@ pub(super) fn verdict(d: &Diagnosis, library: &[Candidate], settings: &Settings)
         .free
         .iter()
         .filter(|f| f.tolerance.is_some());
-    Verdict {
-        sentence: sentence(word, &gap, &effects, &place, &displaced)
-            + &taken_off(&displaced)
-            + &stops(d),
+    let mut out = Verdict {
         displaced,
         verdict: word,
         metrics: all[0]
@@ -593,5 +561,7 @@ pub(super) fn verdict(d: &Diagnosis, library: &[Candidate], settings: &Settings)
         partial: d.selection.partial,
         gap,
         ..empty()
-    }
+    };
+    out.sentence = sentence(&out, false) + &taken_off(&out.displaced) + &stops(d);
+    out
 }

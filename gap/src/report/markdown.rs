@@ -1,138 +1,181 @@
-//! The verdict as Markdown.
+//! The verdict as Markdown that fits a terminal of 100 columns.
 
 use std::fmt::Write as _;
 
-use super::words::{contacts, floor, number, word};
+use super::page::otherwise;
+use super::stairs::{before, steps};
+use super::subject::Subject;
+use super::words::{capital, contacts, floor, listed, metric, metric_row, number};
+use super::{place, regimes};
+use crate::sentence::{Cause, causes};
 use crate::verdict::Verdict;
 
-/// Markdown: the same numbers as the JSON, to four digits.
+/// Columns of the text.
+const WIDTH: usize = 96;
+
+/// Adds `text` with line breaks between words; lines but the first are indented by `by`.
+pub(super) fn wrap(s: &mut String, text: &str, by: usize) {
+    let mut used = 0;
+    for word in text.split_whitespace() {
+        let length = word.chars().count();
+        if used > 0 && used + 1 + length > WIDTH - by {
+            let _ = write!(s, "\n{:by$}", "");
+            used = 0;
+        } else if used > 0 {
+            s.push(' ');
+            used += 1;
+        }
+        s.push_str(word);
+        used += length;
+    }
+    s.push('\n');
+}
+
+fn paragraph(s: &mut String, text: &str) {
+    s.push('\n');
+    wrap(s, text, 0);
+}
+
+fn item(s: &mut String, mark: &str, text: &str) {
+    s.push_str(mark);
+    wrap(s, text, mark.len());
+}
+
+/// A table with columns as wide as their widest cell; what is too wide ends in dots.
+pub(super) fn table(s: &mut String, rows: &[Vec<String>]) {
+    const MOST: usize = 50;
+    let columns = rows.first().map_or(0, Vec::len);
+    let cut = |cell: &String| match cell.chars().count() {
+        n if n > MOST => cell.chars().take(MOST - 1).collect::<String>() + "…",
+        _ => cell.clone(),
+    };
+    let rows: Vec<Vec<String>> = rows.iter().map(|r| r.iter().map(cut).collect()).collect();
+    let width = |k: usize| rows.iter().map(|r| r[k].chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    s.push('\n');
+    for (i, row) in rows.iter().enumerate() {
+        for (cell, w) in row.iter().zip(&widths) {
+            let _ = write!(s, "| {cell:w$} ");
+        }
+        s.push_str("|\n");
+        if i == 0 {
+            for w in &widths {
+                let _ = write!(s, "|{}", "-".repeat(w + 2));
+            }
+            s.push_str("|\n");
+        }
+    }
+}
+
+/// Markdown: the parts of the page in its order, without pictures.
 #[must_use]
-pub fn markdown(v: &Verdict) -> String {
-    let mut s = format!(
-        "# Diagnosis\n\n**{}**\n\nVerdict: `{}`{}\n\n",
-        v.sentence,
-        word(v),
-        if v.partial {
-            " (partial: the search was stopped early)"
-        } else {
-            ""
-        }
+pub fn markdown(v: &Verdict, subject: &Subject) -> String {
+    let mut s = format!("# Sim-to-real gap: {}\n", subject.name);
+    paragraph(&mut s, &format!("{}.", capital(&subject.line())));
+    paragraph(&mut s, &format!("**{}**", subject.lead(v)));
+    if v.partial {
+        paragraph(&mut s, "Partial: the search was stopped before its end.");
+    }
+    s.push_str("\n## Where\n");
+    paragraph(&mut s, &format!("{}.", capital(&place::answer(v, subject))));
+    table(&mut s, &place::rows(v, subject));
+    which(&mut s, v, subject);
+    s.push_str("\n## How far\n");
+    let (unit, all) = steps(v);
+    let mut rows = vec![vec!["model".to_owned(), format!("error [{unit}]")]];
+    rows.extend(all.iter().map(|x| vec![x.name.clone(), number(x.error)]));
+    table(&mut s, &rows);
+    let figure = capital(metric(&v.gap.metric));
+    let text = format!(
+        "{figure}, held-out runs. {} Floor: {}.",
+        before(subject),
+        floor(v)
     );
-    gap(&mut s, v);
-    places(&mut s, v);
-    super::regimes::markdown(&mut s, v);
-    if let Some(c) = &v.contacts {
-        let _ = write!(s, "\n{}\n", contacts(c));
+    paragraph(&mut s, &text);
+    s.push_str("\n## What next\n\n");
+    for text in subject.next(v) {
+        item(&mut s, "- ", &text);
     }
-    effects(&mut s, v);
-    s.push_str("\n## How far\n\n");
-    for stair in &v.staircase {
-        let _ = writeln!(s, "- {}: {} {}", stair.step, number(stair.gap), v.gap.unit);
+    if let Some(file) = v.next_experiment.as_ref().and_then(|n| n.gait.as_ref()) {
+        item(
+            &mut s,
+            "- ",
+            &format!("The motion to play lies beside this report: `{file}`"),
+        );
     }
-    metrics(&mut s, v);
-    if !v.ambiguous.is_empty() {
-        s.push_str("\n## Cannot be told apart with this data\n\n");
-        for a in &v.ambiguous {
-            let names: Vec<&str> = a.effects.iter().map(|e| e.name()).collect();
-            let _ = writeln!(s, "- {}: {}", names.join(", "), a.separate_by);
-        }
-    }
-    if let Some(n) = &v.next_experiment {
-        let _ = write!(s, "\n## Next\n\n{}\n", n.text);
-        if let Some(file) = &n.gait {
-            let _ = write!(s, "\nFile beside this report: `{file}`\n");
-        }
-    }
-    s.push_str("\n## Could not be seen\n\n");
-    for u in &v.unseen {
-        let _ = writeln!(s, "- {}: {}", u.effect.name(), u.why);
-    }
-    let p = &v.provenance;
-    if !p.warnings.is_empty() {
-        s.push_str("\n## Warnings of the reader\n\n");
-    }
-    for warning in &p.warnings {
-        let _ = writeln!(s, "- {warning}");
-    }
-    let _ = write!(
-        s,
-        "\n{}, seed {}, {}, data {}\n",
-        p.tool, p.seed, p.split, p.data_sha256
-    );
+    details(&mut s, v);
     s
 }
 
-fn gap(s: &mut String, v: &Verdict) {
-    let g = &v.gap;
-    let _ = write!(
-        s,
-        "| {} [{}], held-out runs | value |\n|---|---|\n| before | {} |\n| after calibration | {} |\n| after | {} (95 %: {} to {}) |\n| floor ({}) | {} |\n\n",
-        g.metric,
-        g.unit,
-        number(g.before),
-        number(g.after_calibration),
-        number(g.after),
-        number(g.ci95_after[0]),
-        number(g.ci95_after[1]),
-        floor(v),
-        number(g.floor)
-    );
-}
-
-fn places(s: &mut String, v: &Verdict) {
-    s.push_str("## Where\n\n| stage | joint | regime | share |\n|---|---|---|---|\n");
-    for w in &v.place {
-        let joint = w.joint.map_or("all".into(), |j| j.to_string());
-        let _ = writeln!(
+fn card(s: &mut String, c: &Cause<'_>, subject: &Subject) {
+    item(s, "- ", &format!("**{}**", capital(&subject.headline(c))));
+    if let Some(text) = subject.filled(c) {
+        item(s, "  ", &text);
+    }
+    if !c.members.is_empty() {
+        let names: Vec<&str> = c.members.iter().map(|e| e.plain()).collect();
+        item(
             s,
-            "| {} | {joint} | {} | {:.0} % |",
-            w.stage,
-            w.regime,
-            100.0 * w.share
+            "  ",
+            &format!("It could as well be {}.", listed(&names, 9, "or")),
         );
     }
 }
 
-fn effects(s: &mut String, v: &Verdict) {
-    let unit = &v.gap.unit;
-    let _ = write!(
-        s,
-        "\n## Which effect\n\n| effect | joint | parameters (95 %) | share of the confidence | error with it alone [{unit}] | with all but it [{unit}] | kind |\n|---|---|---|---|---|---|---|\n"
-    );
-    for e in &v.effects {
-        let p: Vec<String> = e
-            .parameters
-            .iter()
-            .map(|(k, p)| {
-                let [low, high] = p.ci95.map(number);
-                format!("{k} = {} ({low} to {high})", number(p.value))
-            })
-            .collect();
-        let (alone, without) = (number(e.gap_added_alone), number(e.gap_removed_from_full));
-        let joint = e.joint.map_or("all".into(), |j| j.to_string());
-        let _ = writeln!(
-            s,
-            "| {} | {joint} | {} | {:.2} | {alone} | {without} | {} |",
-            e.effect.name(),
-            p.join(", "),
-            e.confidence,
-            e.kind
-        );
+fn which(s: &mut String, v: &Verdict, subject: &Subject) {
+    s.push_str("\n## Which cause\n\n");
+    let all = causes(v);
+    if all.is_empty() {
+        s.push_str("None.\n");
     }
-    let p = &v.probabilities;
-    // The sum of nothing is -0.
-    let named = 0.0 + v.effects.iter().map(|e| e.confidence).sum::<f64>();
-    let _ = write!(
-        s,
-        "\nProbability that what is named is the cause: {named:.2}, of no gap: {:.2}, of a cause outside the library: {:.2}.\n",
-        p.none, p.unknown
-    );
+    for c in &all {
+        card(s, c, subject);
+    }
+    if let Some(text) = otherwise(v) {
+        paragraph(s, &text);
+    }
 }
 
-fn metrics(s: &mut String, v: &Verdict) {
-    s.push_str("\n| metric | before | after calibration | after |\n|---|---|---|---|\n");
-    for (name, m) in &v.metrics {
-        let [before, calibrated, after] = m.map(number);
-        let _ = writeln!(s, "| {name} | {before} | {calibrated} | {after} |");
+fn details(s: &mut String, v: &Verdict) {
+    s.push_str("\n## Details\n");
+    let head = [
+        "metric, held-out runs",
+        "before",
+        "calibrated",
+        "with the causes",
+    ];
+    let mut rows = vec![head.map(str::to_owned).to_vec()];
+    for (key, m) in &v.metrics {
+        let (name, values) = metric_row(key, *m);
+        rows.push(std::iter::once(name).chain(values).collect());
     }
+    table(s, &rows);
+    regimes::markdown(s, v);
+    if let Some(c) = &v.contacts {
+        paragraph(s, &contacts(c));
+    }
+    if !v.unseen.is_empty() {
+        s.push_str("\nThese recordings could not show:\n\n");
+    }
+    for u in &v.unseen {
+        item(
+            s,
+            "- ",
+            &format!("{}: {}.", u.effect.plain(), u.why.trim_end_matches('.')),
+        );
+    }
+    let p = &v.provenance;
+    if !p.warnings.is_empty() {
+        s.push_str("\nWarnings of the reader:\n\n");
+    }
+    for warning in &p.warnings {
+        item(s, "- ", warning);
+    }
+    paragraph(
+        s,
+        &format!(
+            "{}, seed {}, {}, data {}",
+            p.tool, p.seed, p.split, p.data_sha256
+        ),
+    );
 }

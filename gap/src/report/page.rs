@@ -1,21 +1,27 @@
-//! The page that every report shares: verdict, causes, what next, where, how far; evidence and replay come from the caller.
+//! The page that every report shares: what a tired person needs first, details folded below.
 
 use std::fmt::Write as _;
 
+use super::place;
 use super::regimes;
+use super::stairs::{Step, before, steps};
+use super::style::HEAD;
+use super::subject::Subject;
 use super::words::{
-    contacts, escape, floor, metric, number, parameter, place, quantity, regime, stage, word,
+    capital, contacts, escape, floor, listed, metric, metric_row, number, parameter, quantity,
+    regime, size,
 };
-use crate::verdict::{EffectRow, Verdict, Where};
+use crate::sentence::{Cause, causes, percent};
+use crate::verdict::{Verdict, Where, Word};
+use crate::vocabulary::Effect;
 
 /// What only the kind of the data set can draw.
-pub(crate) struct Evidence {
-    /// Title of the page.
-    pub(crate) title: &'static str,
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Evidence {
     /// Plots and tables, HTML.
-    pub(crate) plots: String,
+    pub plots: String,
     /// Robot and simulator under a time slider, HTML; empty without one.
-    pub(crate) replay: String,
+    pub replay: String,
 }
 
 /// A table under a heading; cells are HTML.
@@ -36,58 +42,248 @@ pub(crate) fn table(s: &mut String, head: &[&str], rows: &[Vec<String>]) {
 }
 
 /// One self-contained page.
-pub(crate) fn html(v: &Verdict, evidence: &Evidence) -> String {
-    let mut s = format!("{HEAD}<title>{}</title></head><body><main>", evidence.title);
-    head(&mut s, v, evidence.title);
-    s.push_str("<h2>Which effect</h2>");
-    effects(&mut s, v);
-    next(&mut s, v);
-    s.push_str("<h2>Where</h2>");
-    places(&mut s, v);
-    regimes::html(&mut s, v);
-    if let Some(c) = &v.contacts {
-        let _ = write!(s, "<p>{}</p>", escape(&contacts(c)));
-    }
-    s.push_str("<h2>How far it shrinks</h2>");
-    stairs(&mut s, v);
-    s.push_str("<h2>Evidence</h2>");
-    s.push_str(&evidence.plots);
-    s.push_str(&evidence.replay);
-    s.push_str("<h2>All metrics, held-out runs</h2>");
-    metrics(&mut s, v);
-    unseen(&mut s, v);
-    provenance(&mut s, v);
-    s.push_str("</main></body></html>\n");
-    s
-}
-
-fn head(s: &mut String, v: &Verdict, title: &str) {
-    let g = &v.gap;
-    let of = |x: f64| quantity(x, &g.unit);
+#[must_use]
+pub fn html(v: &Verdict, subject: &Subject, evidence: &Evidence) -> String {
+    let name = escape(&subject.name);
+    let mut s = format!("{HEAD}<title>Sim-to-real gap: {name}</title></head><body><main>");
+    let whole = subject.lead(v);
+    // The first sentence stands out.
+    let (lead, doubts) = match whole.find(". ") {
+        Some(end) => (&whole[..=end], &whole[end + 2..]),
+        None => (whole.as_str(), ""),
+    };
     let _ = write!(
         s,
-        "<h1>{title}</h1><p class=\"lead\">{}</p><p>Verdict: <b>{}</b>. Held-out error ({}): <b>{}</b> before, \
-         <b>{}</b> once known values are calibrated, <b>{}</b> with the effects. Floor: {} ({}).</p>",
-        escape(&v.sentence),
-        word(v),
-        metric(&g.metric),
-        of(g.before),
-        of(g.after_calibration),
-        of(g.after),
-        of(g.floor),
-        floor(v)
+        "<header><h1>Sim-to-real gap: {name}</h1><p class=\"about\">{}</p><p class=\"lead\">{}</p>",
+        escape(&capital(&subject.line())),
+        escape(lead)
     );
-    if let Some((name, [_, calibrated, after])) = shows_in(v) {
-        let _ = write!(
-            s,
-            "<p>The effects show most in another metric, {}: {} once calibrated, {} with them.</p>",
-            metric(name),
-            number(calibrated),
-            number(after)
-        );
+    if !doubts.is_empty() {
+        let _ = write!(s, "<p class=\"doubt\">{}</p>", escape(doubts));
     }
     if v.partial {
         s.push_str("<p class=\"warning\">Partial: the search was stopped before its end.</p>");
+    }
+    s.push_str("</header><div class=\"first\"><section id=\"where\"><h2>Where</h2>");
+    place::picture(&mut s, v, subject);
+    s.push_str("</section>");
+    contents(&mut s, v, subject, !evidence.replay.is_empty());
+    s.push_str("</div><section id=\"which\"><h2>Which cause</h2>");
+    cards(&mut s, v, subject);
+    s.push_str("</section><section id=\"far\"><h2>How far</h2>");
+    stairs(&mut s, v, subject);
+    s.push_str("</section><section id=\"next\"><h2>What next</h2>");
+    next(&mut s, v, subject);
+    s.push_str("</section>");
+    if !evidence.replay.is_empty() {
+        let _ = write!(
+            s,
+            "<section id=\"replay\"><h2>Replay</h2>{}</section>",
+            evidence.replay
+        );
+    }
+    s.push_str("<section id=\"details\"><h2>Details</h2>");
+    details(&mut s, v, subject, evidence);
+    s.push_str("</section></main></body></html>\n");
+    s
+}
+
+/// Text with what stands between backticks as code.
+fn coded(text: &str) -> String {
+    let text = escape(text);
+    let parts = text.split('`').enumerate();
+    let one = |(k, part): (usize, &str)| match k % 2 {
+        1 => format!("<code>{part}</code>"),
+        _ => part.into(),
+    };
+    parts.map(one).collect()
+}
+
+/// The part of `text` up to its first clause.
+fn short(text: &str) -> &str {
+    let end = [". ", "; ", ": "].iter().filter_map(|e| text.find(e)).min();
+    let end = end.filter(|k| *k > 24).unwrap_or(text.len());
+    text[..end].trim_end_matches('.')
+}
+
+/// The contents list, which answers each question in a few words.
+fn contents(s: &mut String, v: &Verdict, subject: &Subject, replay: bool) {
+    let which = match subject.which(v) {
+        _ if v.verdict == Word::Unknown => "no effect of the library".into(),
+        names if names.is_empty() && v.verdict == Word::None => "none".into(),
+        names if names.is_empty() => "calibration of stated and default values".into(),
+        names => listed(&names, 3, "and"),
+    };
+    let next = subject.next(v);
+    let first = next
+        .first()
+        .map_or("", |n| match n.strip_prefix("State this first: ") {
+            Some(_) => n.split(", under").next().unwrap_or(n),
+            None => short(n),
+        });
+    s.push_str("<nav aria-label=\"Contents\"><h2>In short</h2><ul>");
+    for (id, question, answer) in [
+        ("where", "Where", place::answer(v, subject)),
+        ("which", "Which", which),
+        ("far", "How far", subject.distance(v)),
+        ("next", "What next", first.to_owned()),
+    ] {
+        let answer = coded(&answer);
+        let _ = write!(
+            s,
+            "<li><a href=\"#{id}\">{question}</a> <span>{answer}</span></li>"
+        );
+    }
+    if replay {
+        s.push_str("<li><a href=\"#replay\">Replay</a> <span>a held-out run</span></li>");
+    }
+    s.push_str("<li><a href=\"#details\">Details</a> <span>curves, shares, metrics, limits</span></li></ul></nav>");
+}
+
+/// One line of a card.
+fn line(s: &mut String, name: &str, value: &str) {
+    if !value.is_empty() {
+        let _ = write!(s, "<dt>{name}</dt><dd>{value}</dd>");
+    }
+}
+
+fn nouns(effects: &[Effect]) -> Vec<&'static str> {
+    effects.iter().map(|e| e.plain()).collect()
+}
+
+/// Sizes with their intervals, a line for every joint and parameter.
+fn sizes(s: &mut String, c: &Cause<'_>, subject: &Subject) {
+    for row in &c.rows {
+        for (key, p) in &row.parameters {
+            let (name, _) = parameter(key);
+            let joint = row.joint.filter(|_| c.rows.len() > 1);
+            let at = joint.map_or(String::new(), |k| format!(", joint {k}"));
+            let value = size(key, [p.value; 2], subject.linear);
+            let range = size(key, p.ci95, subject.linear);
+            let name = if name == "ratio" {
+                "share of nominal".into()
+            } else {
+                name
+            };
+            line(
+                s,
+                &capital(&(name + &at)),
+                &format!("<b>{value}</b> (95 %: {range})"),
+            );
+        }
+    }
+}
+
+fn card(s: &mut String, c: &Cause<'_>, v: &Verdict, subject: &Subject) {
+    let _ = write!(
+        s,
+        "<section class=\"card\"><h3>{}</h3><p>{}</p>",
+        escape(&capital(&subject.headline(c))),
+        escape(&subject.filled(c).unwrap_or_default())
+    );
+    let or = listed(&nouns(&c.members), 9, "or");
+    if !c.members.is_empty() {
+        let _ = write!(
+            s,
+            "<p><b>It could as well be</b> {or}. These recordings cannot distinguish them.</p>"
+        );
+    }
+    s.push_str("<details><summary>Sizes, intervals, rivals</summary><dl>");
+    sizes(s, c, subject);
+    let [out, open] = c.rivals();
+    line(s, "Ruled out", &listed(&nouns(&out), 9, "and"));
+    line(s, "Not ruled out", &listed(&nouns(&open), 9, "and"));
+    for row in &c.rows {
+        let at = row.joint.filter(|_| c.rows.len() > 1);
+        let at = at.map_or(String::new(), |k| format!(", joint {k}"));
+        let error = |x: f64| quantity(x, &v.gap.unit);
+        line(
+            s,
+            &format!("Error with it alone{at}"),
+            &error(row.gap_added_alone),
+        );
+        line(
+            s,
+            &format!("Error without it{at}"),
+            &error(row.gap_removed_from_full),
+        );
+    }
+    let kind = match c.effect().is_base() {
+        true => "another value of a parameter that the model has",
+        false => "an effect that the nominal model lacks",
+    };
+    line(s, "Kind", kind);
+    s.push_str("</dl></details></section>");
+}
+
+/// What else it may be, with its probability.
+pub(super) fn otherwise(v: &Verdict) -> Option<String> {
+    // Below this a doubt is no news.
+    const LEAST: f64 = 0.02;
+    let p = v.probabilities;
+    let both = [
+        ("a cause outside the library", p.unknown, Word::Unknown),
+        ("no gap at all", p.none, Word::None),
+    ];
+    let some = both.iter().filter(|x| x.1 >= LEAST && x.2 != v.verdict);
+    let words: Vec<String> = some
+        .map(|x| format!("{} ({})", x.0, percent(x.1)))
+        .collect();
+    (!words.is_empty()).then(|| format!("Otherwise: {}.", listed(&words, 2, "or")))
+}
+
+fn cards(s: &mut String, v: &Verdict, subject: &Subject) {
+    let all = causes(v);
+    match (v.verdict, all.as_slice()) {
+        (Word::Unknown, []) => s.push_str("<p>No effect of the library explains the gap.</p>"),
+        (Word::Unknown, _) => s.push_str(
+            "<p>No effect of the library explains the gap. These take a part of the error, perhaps only by imitation:</p>",
+        ),
+        (Word::None, []) => s.push_str("<p>None.</p>"),
+        (_, []) => s.push_str("<p>None beyond calibration.</p>"),
+        _ => {}
+    }
+    for c in &all {
+        card(s, c, v, subject);
+    }
+    if let Some(text) = otherwise(v) {
+        let _ = write!(s, "<p>{text}</p>");
+    }
+}
+
+fn stairs(s: &mut String, v: &Verdict, subject: &Subject) {
+    let (unit, all) = steps(v);
+    let top = all.iter().map(|x| x.error).fold(0.0, f64::max);
+    for Step { name, error, rest } in &all {
+        let width = 100.0 * (error / top.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
+        let class = if *rest { "bar rest" } else { "bar" };
+        let _ = write!(
+            s,
+            "<div class=\"stair\"><span>{}</span><b>{} {unit}</b><div class=\"{class}\" style=\"width:{width:.1}%\"></div></div>",
+            escape(&capital(name)),
+            number(*error)
+        );
+    }
+    let [low, high] = super::words::range(v.gap.ci95_after, &v.gap.unit);
+    let _ = write!(
+        s,
+        "<p>{}: mean of the {} held-out {}. {} The last error has a 95 % interval of {low} to {high}. Floor: {}.</p>",
+        capital(metric(&v.gap.metric)),
+        v.gap.held_out_runs.len(),
+        if v.gap.held_out_runs.len() == 1 {
+            "run"
+        } else {
+            "runs"
+        },
+        escape(&before(subject)),
+        floor(v)
+    );
+    if let Some((name, [_, calibrated, after])) = shows_in(v) {
+        let (name, [_, calibrated, after]) = metric_row(name, [0.0, calibrated, after]);
+        let _ = write!(
+            s,
+            "<p>The causes show most in another figure, {name}: {calibrated} once calibrated, {after} with them.</p>",
+        );
     }
 }
 
@@ -105,208 +301,55 @@ fn shows_in(v: &Verdict) -> Option<(&str, [f64; 3])> {
     (fall(most) >= LEAST).then_some((name, *most))
 }
 
-/// One line of a card.
-fn line(s: &mut String, name: &str, value: &str) {
-    if !value.is_empty() {
-        let _ = write!(s, "<dt>{name}</dt><dd>{value}</dd>");
+fn next(s: &mut String, v: &Verdict, subject: &Subject) {
+    s.push_str("<ol>");
+    for text in subject.next(v) {
+        let _ = write!(s, "<li>{}</li>", coded(&text));
     }
-}
-
-/// The card of effect `e`, one of `count`: confidences are shares of one, so that of many effects each has a small one however sure all are.
-fn card(s: &mut String, e: &EffectRow, unit: &str, count: usize) {
-    let joint = e.joint.map_or(String::new(), |k| format!(", joint {k}"));
-    let _ = write!(
-        s,
-        "<section class=\"card\"><h3>{}{joint}</h3><p>{}</p><dl>",
-        e.effect.name(),
-        e.effect.plain()
-    );
-    for (key, p) in &e.parameters {
-        let (name, unit) = parameter(key);
-        let [low, high] = p.ci95.map(number);
-        let size = quantity(p.value, unit);
-        line(s, &name, &format!("<b>{size}</b>, 95 %: {low} to {high}"));
-    }
-    if !e.plausible {
-        line(s, "but", "<b>no plausible size for such a part</b>");
-    }
-    let percent = format!("{:.0} %", 100.0 * e.confidence);
-    let name = if count > 1 {
-        "share of the confidence"
-    } else {
-        "confidence"
-    };
-    line(s, name, &percent);
-    line(s, "kind", &e.kind);
-    let error = |x: f64| format!("{} {unit}", number(x));
-    line(s, "error with it alone", &error(e.gap_added_alone));
-    line(s, "error with all but it", &error(e.gap_removed_from_full));
-    let rivals = |told: bool| {
-        let some = e.alternatives.iter().filter(|a| a.distinguishable == told);
-        let names = some.map(|a| format!("{} ({:.1} sigma)", a.effect.name(), a.margin));
-        names.collect::<Vec<_>>().join(", ")
-    };
-    line(s, "ruled out", &rivals(true));
-    line(s, "not ruled out", &rivals(false));
-    s.push_str("</dl></section>");
-}
-
-fn effects(s: &mut String, v: &Verdict) {
-    let p = &v.probabilities;
-    if v.effects.is_empty() {
-        s.push_str("<p>None.</p>");
-    }
-    for e in &v.effects {
-        card(s, e, &v.gap.unit, v.effects.len());
-    }
-    let named: f64 = v.effects.iter().map(|e| e.confidence).sum();
-    if !v.effects.is_empty() {
-        let these = if v.effects.len() > 1 {
-            "these are the causes"
-        } else {
-            "this is the cause"
-        };
-        let _ = write!(s, "<p>That {these}: <b>{:.0} %</b>.</p>", 100.0 * named);
-    }
-    let _ = write!(
-        s,
-        "<p>Probability that there is no gap: {:.0} %; that the cause is outside the library: {:.0} %.</p>",
-        100.0 * p.none,
-        100.0 * p.unknown
-    );
-}
-
-fn next(s: &mut String, v: &Verdict) {
-    if v.ambiguous.is_empty() && v.next_experiment.is_none() {
-        return;
-    }
-    s.push_str("<h2>What next</h2>");
-    for a in &v.ambiguous {
-        let names: Vec<&str> = a.effects.iter().map(|e| e.name()).collect();
+    s.push_str("</ol>");
+    if let Some(file) = v.next_experiment.as_ref().and_then(|n| n.gait.as_ref()) {
+        let file = escape(file);
         let _ = write!(
             s,
-            "<p>Cannot be told apart with this data: <b>{}</b>. To tell: {}.</p>",
-            names.join(", "),
-            escape(a.separate_by.trim_end_matches('.'))
-        );
-    }
-    if let Some(n) = &v.next_experiment {
-        let _ = write!(s, "<p>{}</p>", escape(&n.text));
-        if let Some(file) = &n.gait {
-            let file = escape(file);
-            let _ = write!(s, "<p>File beside this report: <code>{file}</code></p>");
-        }
-    }
-}
-
-/// A bar as wide as `share` of its cell.
-fn bar(share: f64, class: &str) -> String {
-    let width = 100.0 * share.clamp(0.0, 1.0);
-    format!("<div class=\"bar {class}\" style=\"width:{width:.1}%\"></div>")
-}
-
-fn places(s: &mut String, v: &Verdict) {
-    // What rounds to no percent at all is told in one line.
-    const LEAST: f64 = 0.005;
-    let (large, small): (Vec<&Where>, Vec<&Where>) = v.place.iter().partition(|w| w.share >= LEAST);
-    let rows: Vec<Vec<String>> = large
-        .iter()
-        .map(|w| {
-            let class = if w.stage == "unexplained" { "rest" } else { "" };
-            let [low, high] = w.ci95.map(|x| 100.0 * x);
-            vec![
-                format!(
-                    "<b>{}</b>{}<br>{}",
-                    escape(&place(&w.stage, w.joint)),
-                    regime(w),
-                    stage(&w.stage)
-                ),
-                format!(
-                    "{:.0} % ({low:.0} to {high:.0}){}",
-                    100.0 * w.share,
-                    bar(w.share, class)
-                ),
-            ]
-        })
-        .collect();
-    table(s, &["stage", "share of the gap (95 %)"], &rows);
-    if !small.is_empty() {
-        let names: Vec<String> = small.iter().map(|w| place(&w.stage, w.joint)).collect();
-        let _ = write!(
-            s,
-            "<p>Less than half a percent each: {}.</p>",
-            escape(&names.join("; "))
+            "<p>The motion to play lies beside this report: <code>{file}</code></p>"
         );
     }
 }
 
-fn stairs(s: &mut String, v: &Verdict) {
-    let g = &v.gap;
-    let top = v.staircase.iter().map(|x| x.gap).fold(g.floor, f64::max);
-    let step = |name: &str, gap: f64, class: &str| {
-        let width = bar(gap / top.max(f64::MIN_POSITIVE), class);
-        vec![escape(name), format!("{}{width}", number(gap))]
-    };
-    let mut rows: Vec<Vec<String>> = v
-        .staircase
-        .iter()
-        .map(|x| step(&x.step, x.gap, ""))
-        .collect();
-    rows.push(step("floor", g.floor, "rest"));
-    let error = format!("{} [{}]", metric(&g.metric), g.unit);
-    table(s, &["model", &error], &rows);
-    let percent = |x: f64| format!("{:.0} %", 100.0 * x);
-    let _ = write!(
-        s,
-        "<p>It shrinks by {}, by {} after calibration",
-        percent(g.shrink),
-        percent(g.shrink_after_calibration)
-    );
-    if let Some(share) = g.shrink_of_achievable {
-        let _ = write!(s, ", by {} of what the floor leaves", percent(share));
+/// A part that is folded until asked for.
+fn folded(s: &mut String, title: &str, inside: &str) {
+    if !inside.is_empty() {
+        let _ = write!(s, "<details><summary>{title}</summary>{inside}</details>");
     }
-    let [low, high] = g.ci95_after.map(number);
-    let _ = write!(
-        s,
-        ". 95 % interval of the last error: {low} to {high}. Floor: {}.</p>",
-        floor(v)
-    );
 }
 
-fn metrics(s: &mut String, v: &Verdict) {
-    let rows: Vec<Vec<String>> = v
-        .metrics
-        .iter()
-        .map(|(k, m)| {
-            let [before, calibrated, after] = m.map(number);
-            let name = format!("<code>{}</code><br>{}", escape(k), metric(k));
-            vec![name, before, calibrated, after]
-        })
-        .collect();
-    table(
-        s,
-        &["metric", "before", "after calibration", "after"],
-        &rows,
-    );
-}
-
-fn unseen(s: &mut String, v: &Verdict) {
-    s.push_str("<details><summary>What these recordings could not show</summary><ul>");
-    for u in &v.unseen {
-        let _ = write!(s, "<li>{}: {}</li>", u.effect.name(), escape(&u.why));
-    }
-    s.push_str("</ul></details>");
-}
-
-fn provenance(s: &mut String, v: &Verdict) {
-    let p = &v.provenance;
-    let commit = p.commit.as_deref().unwrap_or("commit not known");
-    for warning in &p.warnings {
+fn details(s: &mut String, v: &Verdict, subject: &Subject, evidence: &Evidence) {
+    for warning in &v.provenance.warnings {
         let _ = write!(s, "<p class=\"warning\">{}</p>", escape(warning));
     }
+    folded(s, "Curves of held-out runs", &evidence.plots);
+    folded(
+        s,
+        "All shares of the gap, with intervals",
+        &shares(v, subject),
+    );
+    let mut map = String::new();
+    regimes::html(&mut map, v);
+    folded(s, "Errors by regime of the motion", &map);
+    folded(s, "All metrics", &metrics(v));
+    if let Some(c) = &v.contacts {
+        folded(
+            s,
+            "Contacts with the ground",
+            &format!("<p>{}</p>", escape(&contacts(c))),
+        );
+    }
+    folded(s, "What these recordings could not show", &unseen(v));
+    let p = &v.provenance;
+    let commit = p.commit.as_deref().unwrap_or("commit not known");
     let _ = write!(
         s,
-        "<footer><p>{} ({}), seed {}, {:.1} s. Split: {}. Held out: {}. Data: {}.</p></footer>",
+        "<footer><p>{} ({}), seed {}, {:.1} s. Split: {}. Held out: {}. SHA-256 of the data: {}.</p></footer>",
         escape(&p.tool),
         escape(commit),
         p.seed,
@@ -317,20 +360,61 @@ fn provenance(s: &mut String, v: &Verdict) {
     );
 }
 
-const HEAD: &str = r#"<!doctype html><html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width,initial-scale=1"><link rel="icon" href="data:,"><style>
-:root{--ink:#1b1b1b;--paper:#fff;--before:#c2410c;--after:#1d70b8;--line:#ccc;--faint:#8884}
-@media screen and (prefers-color-scheme:dark){:root{--ink:#eee;--paper:#151515;--before:#fb923c;--after:#60a5fa;--line:#555}}
-body{font:16px/1.5 system-ui,sans-serif;margin:0;color:var(--ink);background:var(--paper)}main{max-width:60rem;margin:auto;padding:1rem}
-p,li{overflow-wrap:anywhere}.lead{font-size:1.3rem;font-weight:600}.warning{border-left:.4rem solid var(--before);padding-left:.6rem}footer{font-size:.85rem;border-top:1px solid var(--line)}
-.wide{overflow-x:auto}table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid var(--line);vertical-align:top}td:last-child{min-width:8rem}.heat{display:block;margin:-.3rem -.6rem;padding:.3rem .6rem;background:color-mix(in srgb,var(--before) var(--heat),transparent);white-space:nowrap}.card{border-left:.4rem solid var(--after);padding:.1rem 1rem;margin:1rem 0;break-inside:avoid}.card h3,.card p{margin:.4rem 0}.card dl{display:grid;grid-template-columns:minmax(6rem,max-content) 1fr;gap:.1rem 1rem;margin:.4rem 0}.card dd{margin:0;overflow-wrap:anywhere}
-.bar{height:.9rem;margin-top:.3rem;background:var(--after);min-width:1px;print-color-adjust:exact;-webkit-print-color-adjust:exact}.bar.rest{background:#999}
-.k0{color:var(--ink)}.k1{color:var(--before)}.k2{color:var(--after)}
-.plot{margin:1.2rem 0;display:grid;grid-template-columns:3.2rem 1fr;break-inside:avoid}.plot figcaption,.plot .legend{grid-column:1/3}.plot figcaption{font-weight:600}
-.plot .ylabel{grid-column:1/3;font-size:.8rem;margin-bottom:.4rem}.plot .xlabel{grid-column:2;font-size:.8rem;text-align:right}.plot svg{width:100%;height:13rem;border:1px solid var(--line);box-sizing:border-box}.plot.map svg{height:auto;aspect-ratio:1}.plot.map{max-width:26rem}
-.yticks,.xticks{position:relative;font-size:.8rem;line-height:1}.yticks span{position:absolute;right:.4rem;transform:translateY(-50%)}.xticks{grid-column:2;height:1.2rem;margin-top:.2rem}.xticks span{position:absolute;transform:translateX(-50%)}
-.plot polyline{fill:none;stroke:currentColor;stroke-width:1.5;vector-effect:non-scaling-stroke}.plot polyline.k1{stroke-dasharray:6 3}.plot .grid{stroke:var(--faint);fill:none;vector-effect:non-scaling-stroke}
-.legend span{margin-right:1rem;white-space:nowrap}.legend i{display:inline-block;width:1.4rem;border-top:3px solid currentColor;vertical-align:middle;margin-right:.3rem}.legend .k1 i{border-top-style:dashed}
-.replay{width:100%;height:auto;border:1px solid var(--line);box-sizing:border-box;display:block}.replay.hand{max-width:22rem}.replay line{stroke:currentColor;stroke-width:4}.replay circle{fill:currentColor;fill-opacity:.15;stroke:currentColor}.replay polyline{fill:none;stroke:currentColor;stroke-width:3}.replay polyline[id^=s]{stroke-width:1;stroke-opacity:.4}
-input[type=range]{width:100%;min-height:2rem}button{font:inherit;padding:.3rem 1rem}summary{padding:.5rem 0}:focus-visible{outline:3px solid var(--after)}
-@media print{input,button,label{display:none}h2{break-after:avoid}tr{break-inside:avoid}main{max-width:none;padding:0}.wide{overflow:visible}body{font-size:11px}details::details-content{content-visibility:visible;display:block}}
-</style>"#;
+fn shares(v: &Verdict, subject: &Subject) -> String {
+    let row = |w: &Where| {
+        let [low, high] = w.ci95.map(|x| 100.0 * x);
+        let stage = crate::sentence::stage(&w.stage);
+        let name = match stage {
+            None => "what stays".into(),
+            stage => {
+                let joint: Vec<usize> = w.joint.into_iter().collect();
+                crate::sentence::place(stage, &joint, subject.robot)
+            }
+        };
+        let share = format!("{:.0} % ({low:.0} to {high:.0})", 100.0 * w.share);
+        vec![capital(&name), share, regime(w).into()]
+    };
+    let rows: Vec<Vec<String>> = v.place.iter().map(row).collect();
+    let mut s = String::new();
+    table(&mut s, &["place", "share of the gap (95 %)", "when"], &rows);
+    s
+}
+
+fn metrics(v: &Verdict) -> String {
+    let row = |(key, m): (&String, &[f64; 3])| {
+        let (name, values) = metric_row(key, *m);
+        let mut row = vec![name];
+        row.extend(values);
+        row
+    };
+    let rows: Vec<Vec<String>> = v.metrics.iter().map(row).collect();
+    let mut s = String::new();
+    table(
+        &mut s,
+        &[
+            "metric, held-out runs",
+            "before",
+            "calibrated",
+            "with the causes",
+        ],
+        &rows,
+    );
+    s
+}
+
+fn unseen(v: &Verdict) -> String {
+    let item = |u: &crate::verdict::Unseen| {
+        let name = capital(u.effect.plain());
+        format!(
+            "<li>{}: {}.</li>",
+            escape(&name),
+            escape(u.why.trim_end_matches('.'))
+        )
+    };
+    let all: String = v.unseen.iter().map(item).collect();
+    if all.is_empty() {
+        all
+    } else {
+        format!("<ul>{all}</ul>")
+    }
+}

@@ -1,9 +1,8 @@
 //! Errors by joint and regime of the motion, as a map: the darker, the more above the joint's mean.
 
-use std::fmt::Write as _;
-
+use super::markdown::table as lines_of;
 use super::page::table;
-use super::words::number;
+use super::words::capital;
 use crate::regimes::{Aspect, REGIMES, RegimeRow};
 use crate::verdict::Verdict;
 
@@ -115,11 +114,11 @@ pub(super) fn html(s: &mut String, v: &Verdict) {
     if angles.is_empty() && torques.is_empty() {
         return;
     }
-    s.push_str("<details open><summary>By regime of the motion: error before → after</summary><p>Held-out runs. A cell is the darker, the more the error before stands above the mean over the regimes of its group. Quarters of a joint's cycle: low or high of its middle angle, rising or falling.</p>");
+    s.push_str("<p>Error before → after, held-out runs. A cell is the darker, the more the error before exceeds the mean of its group. Quarters of a cycle: below or above the middle angle, rising or falling.</p>");
     for columns in [angles, torques].into_iter().filter(|c| !c.is_empty()) {
         let mut head = vec!["regime".to_owned()];
         head.extend(columns.iter().map(|c| c.head()));
-        let told = |(_, regime): &(Aspect, &str)| {
+        let held = |(_, regime): &(Aspect, &str)| {
             let here = |r: &&RegimeRow| r.regime == *regime;
             let mut own = rows.iter().filter(here);
             own.any(|r| columns.iter().any(|c| c.of(r).is_some()))
@@ -129,38 +128,26 @@ pub(super) fn html(s: &mut String, v: &Verdict) {
             let cells = columns.iter().map(|c| cell(rows, *c, (of, regime)));
             std::iter::once(name).chain(cells).collect()
         };
-        let body: Vec<Vec<String>> = lines(rows).into_iter().filter(told).map(line).collect();
+        let body: Vec<Vec<String>> = lines(rows).into_iter().filter(held).map(line).collect();
         let head: Vec<&str> = head.iter().map(String::as_str).collect();
         table(s, &head, &body);
     }
-    s.push_str("</details>");
 }
 
-/// The same numbers as a list.
+/// Of every column the regime with the largest error before, as a narrow table.
 pub(super) fn markdown(s: &mut String, v: &Verdict) {
     let rows = &v.regimes[..];
-    let columns = columns(rows);
-    if columns.is_empty() {
-        return;
-    }
-    s.push_str(
-        "\n## By regime of the motion\n\nError before and after, held-out runs.\n\n| regime |",
-    );
-    for c in &columns {
-        let _ = write!(s, " {} |", c.head());
-    }
-    let _ = writeln!(s, "\n|---|{}", "---|".repeat(columns.len()));
-    for (of, regime) in lines(rows) {
-        let _ = write!(s, "| {regime} ({}) |", aspect(of));
-        for c in &columns {
-            let mut own = rows.iter().filter(|r| (r.aspect, r.regime) == (of, regime));
-            match own.find_map(|r| c.of(r)) {
-                Some([before, after]) => {
-                    let _ = write!(s, " {}, {} |", number(before), number(after));
-                }
-                None => s.push_str(" - |"),
-            }
-        }
-        s.push('\n');
+    let line = |c: Column| {
+        let held = |r: &RegimeRow| Some((c.of(r)?, r.regime));
+        let all = rows.iter().filter_map(held);
+        let ([before, after], regime) = all.max_by(|a, b| a.0[0].total_cmp(&b.0[0]))?;
+        let (regime, error) = (regime.replace('_', " "), short(before));
+        Some(vec![capital(&c.head()), regime, error, short(after)])
+    };
+    let head = ["error", "largest at", "before", "after"].map(str::to_owned);
+    let mut table = vec![head.to_vec()];
+    table.extend(columns(rows).into_iter().filter_map(line));
+    if table.len() > 1 {
+        lines_of(s, &table);
     }
 }

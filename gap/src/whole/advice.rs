@@ -51,7 +51,7 @@ pub(super) fn next(classes: &[Ambiguous], word: Word, late: bool) -> Option<Next
             .and_then(|m| m.joint)
             .map_or_else(String::new, |k| format!(" (joint {k})"));
         return make(
-            format!("To tell these apart{joint}: {}.", c.separate_by),
+            format!("To distinguish these{joint}: {}.", c.separate_by),
             c.effects.clone(),
         );
     }

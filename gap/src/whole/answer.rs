@@ -9,7 +9,7 @@ use super::score::{JointRow, Metrics, Score, State, bootstrap, unit};
 use super::{Parts, Settings, conventions, joints, places, search, unseen};
 use crate::math;
 use crate::regimes::RegimeRow;
-use crate::sentence::{fall, listed};
+use crate::sentence::{body_off, sentence};
 use crate::verdict::*;
 use crate::vocabulary::Effect;
 
@@ -291,41 +291,11 @@ fn held(contacts: &Contacts) -> Option<&'static str> {
     }
 }
 
-fn sentence(d: &Parts, word: Word, gap: &Gap, rows: &[EffectRow], place: &[Where]) -> String {
-    let mut out = cause(word, gap, rows, place);
-    if let Some(held) = d.body.as_ref().and_then(|b| held(&b.contacts)) {
-        out.push_str(held);
-    }
-    out
-}
-
-fn cause(word: Word, gap: &Gap, rows: &[EffectRow], place: &[Where]) -> String {
-    let name = |r: &EffectRow| match r.joint {
-        Some(k) => format!("{} (joint {k})", r.effect.plain()),
-        None => r.effect.plain().to_string(),
-    };
-    let list = listed(&rows.iter().map(name).collect::<Vec<_>>());
-    let fall = fall(gap);
-    match word {
-        Word::None if gap.metric == "pose_rmse_m" && gap.after > BEYOND * gap.floor => format!(
-            "No effect is missing that the recordings show. The body ends {:.0} mm off after 1 s where its measured start explains {:.0} mm: as much as contacts of different simulators differ by.",
-            1e3 * gap.after,
-            1e3 * gap.floor
-        ),
-        Word::None => "The model explains the recordings as well as they can be explained; there is no gap to name.".into(),
-        Word::Explained | Word::Parametric => {
-            format!("The gap comes from this: {list}. {fall}.")
-        }
-        Word::PartlyExplained => {
-            format!("A part of the gap is named: {list}. {fall}; a remainder stays.")
-        }
-        Word::Unknown => {
-            let at = place.iter().find(|p| p.stage != "unexplained");
-            let stage = at.map_or("body", |p| p.stage.as_str());
-            let joint = at.and_then(|p| p.joint).map_or_else(String::new, |k| format!(" of joint {k}"));
-            format!("There is a gap that no effect in the library explains; look at the {stage}{joint}.")
-        }
-    }
+/// What stands behind the sentence of every report.
+fn beyond(d: &Parts, v: &Verdict) -> String {
+    let off = body_off(&v.gap, BEYOND).filter(|_| v.verdict == Word::None);
+    let held = d.body.as_ref().and_then(|b| held(&b.contacts));
+    off.unwrap_or_default() + held.unwrap_or_default()
 }
 
 /// The verdict.
@@ -382,10 +352,10 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
         step: "after".into(),
         gap: gap.after,
     });
-    let verdict = Verdict {
+    let mut verdict = Verdict {
         schema: "rb.gap/1".into(),
         verdict: word,
-        sentence: sentence(d, word, &gap, &effects, &place),
+        sentence: String::new(),
         partial: false,
         next_experiment: advice::next(&ambiguous, word, late),
         unseen: unseen::unseen(d, settings),
@@ -410,6 +380,7 @@ pub(super) fn verdict(d: &Parts, score: &Score, settings: &Settings) -> (Verdict
             warnings: Vec::new(),
         },
     };
+    verdict.sentence = sentence(&verdict, true) + &beyond(d, &verdict);
     (verdict, s.joints)
 }
 

@@ -2,24 +2,30 @@
 
 use super::replay::Replay;
 use super::score::JointRow;
-use crate::report::{Evidence, number, page, table};
+use crate::report::{Evidence, Subject, number, page, table};
 use crate::verdict::Verdict;
 
 /// The page.
-pub(super) fn html(v: &Verdict, joints: &[JointRow], replay: Option<&Replay>) -> String {
+pub(super) fn html(
+    v: &Verdict,
+    subject: &Subject,
+    joints: &[JointRow],
+    replay: Option<&Replay>,
+) -> String {
     let mut plots = String::new();
-    let pair = |x: Option<[f64; 2]>| {
-        let told = |[before, after]: [f64; 2]| format!("{} to {}", number(before), number(after));
-        x.map_or_else(|| "not measured".into(), told)
+    let pair = |x: Option<[f64; 2]>, factor: f64| {
+        let both = |e: [f64; 2]| e.map(|x| number(factor * x)).join(" → ");
+        x.map_or_else(|| "not measured".into(), both)
     };
-    let rows: Vec<Vec<String>> = joints
-        .iter()
-        .map(|r| vec![r.joint.to_string(), pair(r.angle_rad), pair(r.torque_nm)])
-        .collect();
+    let row = |r: &JointRow| {
+        let joint = r.joint.to_string();
+        vec![joint, pair(r.angle_rad, 1e3), pair(r.torque_nm, 1.0)]
+    };
+    let rows: Vec<Vec<String>> = joints.iter().map(row).collect();
     let head = [
         "joint",
-        "angle error [rad], before to after",
-        "torque error [N m], before to after",
+        "angle error [mrad], before → after",
+        "torque error [N m], before → after",
     ];
     table(&mut plots, &head, &rows);
     let mut film = String::new();
@@ -30,12 +36,9 @@ pub(super) fn html(v: &Verdict, joints: &[JointRow], replay: Option<&Replay>) ->
         plots.push_str(&replay.plots(&named));
         replay.html(&mut film);
     }
-    page(
-        v,
-        &Evidence {
-            title: "Diagnosis of a robot",
-            plots,
-            replay: film,
-        },
-    )
+    let evidence = Evidence {
+        plots,
+        replay: film,
+    };
+    page(v, subject, &evidence)
 }

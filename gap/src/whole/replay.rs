@@ -136,15 +136,15 @@ impl Replay {
             let angle = Axes {
                 title: &format!("{}: joint {k}", self.name),
                 x: "time [s]",
-                y: "encoder angle [rad]",
+                y: "encoder angle [mrad]",
                 map: false,
             };
-            let of = |p: &Picture| f64::from(p.angles_rad.get(*k).copied().unwrap_or(0.0));
+            let of = |p: &Picture| 1e3 * f64::from(p.angles_rad.get(*k).copied().unwrap_or(0.0));
             let [measured, ..] = &self.films;
             s.push_str(&plot(&angle, &curves(&|i, p| (i as f64 / RATE_HZ, of(p)))));
             let off = Axes {
                 title: &format!("{}: joint {k}, simulated minus measured", self.name),
-                y: "error [rad]",
+                y: "error [mrad]",
                 ..angle
             };
             let error = |i: usize, p: &Picture| {
@@ -173,9 +173,9 @@ impl Replay {
         let last = self.films[0].len().saturating_sub(1);
         let _ = write!(
             s,
-            "<h2>Replay</h2><p>{}, from the measured start: <b class=\"k0\">robot</b>, <b class=\"k1\">simulator before</b>, \
-             <b class=\"k2\">simulator with the effects found</b>. Nothing restarts it, so small errors add up.</p>\
-             <svg class=\"replay\" viewBox=\"-160 -120 320 200\" role=\"img\" aria-label=\"four cubes of the robot and of both simulations at the chosen time\">",
+            "<p>{}, from the measured start: <b class=\"k0\">robot</b>, <b class=\"k1\">simulator before</b>, \
+             <b class=\"k2\">simulator with the effects found</b>. Nothing restarts the simulation, so small errors add up. The view follows the robot; the grid on the ground has squares of 0.2 m.</p>\
+             <svg class=\"replay\" viewBox=\"-160 -100 320 200\" role=\"img\" aria-label=\"four cubes of the robot and of both simulations at the chosen time\"><path id=\"grid\"/>",
             escape(&self.name)
         );
         for k in [1, 2, 0] {
@@ -190,28 +190,40 @@ impl Replay {
         }
         let _ = write!(
             s,
-            "</svg><p><button id=\"play\" type=\"button\">Play</button> <output id=\"now\"></output></p>\
-             <p><label>Time <input id=\"time\" type=\"range\" min=\"0\" max=\"{last}\" value=\"{last}\"></label></p>\
-             <p><label>View from <input id=\"view\" type=\"range\" min=\"-180\" max=\"180\" value=\"-35\"></label></p>\
+            "<path class=\"axis\" id=\"axes\"/><text id=\"x\">x</text><text id=\"y\">y</text><text id=\"z\">z</text>\
+             <path class=\"axis\" id=\"bar\"/><text x=\"-150\" y=\"84\">0.2 m</text>\
+             </svg><p><button id=\"play\" type=\"button\">Play</button> <output id=\"now\"></output></p>\
+             <p><label for=\"time\">Time</label><input id=\"time\" type=\"range\" min=\"0\" max=\"{last}\" value=\"0\"></p>\
+             <p><label for=\"view\">View from <output id=\"angle\"></output></label><input id=\"view\" type=\"range\" min=\"-180\" max=\"180\" value=\"-35\"></p>\
              <script>const F=[{}];const RATE={RATE_HZ};\n{SCRIPT}</script>",
             films.join(",")
         );
     }
 }
 
-/// Orthographic view, 30 degrees from above; scaled to all three films. Millimetres.
+/// Orthographic view, 30 degrees from above, which follows the measured robot; so wide that all three films fit. Millimetres.
 const SCRIPT: &str = r"const $=i=>document.getElementById(i),time=$('time'),view=$('view'),play=$('play');
-const lo=[1e9,1e9,1e9],hi=[-1e9,-1e9,-1e9];
-F.forEach(f=>f.forEach((x,i)=>{lo[i%3]=Math.min(lo[i%3],x);hi[i%3]=Math.max(hi[i%3],x);}));
-const mid=lo.map((l,i)=>(l+hi[i])/2),size=Math.max(300,Math.hypot(hi[0]-lo[0],hi[1]-lo[1]))+140,scale=300/size;
-function at(p,a){const x=p[0]-mid[0],y=p[1]-mid[1],u=x*Math.cos(a)-y*Math.sin(a),v=x*Math.sin(a)+y*Math.cos(a);
-return[scale*u,-scale*(p[2]*Math.cos(Math.PI/6)+v*Math.sin(Math.PI/6))];}
-function show(){const k=+time.value,a=view.value*Math.PI/180;$('now').textContent=(k/RATE).toFixed(1)+' s';
-F.forEach((f,m)=>{const p=[0,1,2,3].map(c=>f.slice(12*k+3*c,12*k+3*c+3)),q=p.map(x=>at(x,a));
-$('b'+m).setAttribute('points',q.join(' '));$('s'+m).setAttribute('points',p.map(x=>at([x[0],x[1],0],a)).join(' '));
-q.forEach((x,c)=>{const e=$('c'+m+c);e.setAttribute('cx',x[0]);e.setAttribute('cy',x[1]);e.setAttribute('r',62*scale);});});}
+const COS=Math.cos(Math.PI/6),SIN=Math.sin(Math.PI/6),LAST=+time.max;
+const cubes=(f,k)=>[0,1,2,3].map(c=>f.slice(12*k+3*c,12*k+3*c+3));
+const centre=k=>{const p=cubes(F[0],k);return[0,1].map(i=>(p[0][i]+p[1][i]+p[2][i]+p[3][i])/4).concat(60);};
+let reach=220;for(let k=0;k<=LAST;k++){const m=centre(k);F.forEach(f=>cubes(f,k).forEach(x=>{reach=Math.max(reach,Math.hypot(x[0]-m[0],x[1]-m[1]));}));}
+const scale=Math.min(85/(.5*reach+90),145/(reach+70));
+function show(){const k=+time.value,a=view.value*Math.PI/180,m=centre(k);
+const at=p=>{const x=p[0]-m[0],y=p[1]-m[1],u=x*Math.cos(a)-y*Math.sin(a),v=x*Math.sin(a)+y*Math.cos(a);
+return[scale*u,-scale*((p[2]-m[2])*COS+v*SIN)];};
+$('now').textContent=(k/RATE).toFixed(1)+' s';$('angle').textContent=view.value+'°';
+let g='';const far=Math.ceil(400/scale/200)*200,near=i=>Math.round(m[i]/200)*200;
+for(let d=-far;d<=far;d+=200){const[x,y]=[near(0),near(1)];
+g+='M'+at([x+d,y-far,0])+'L'+at([x+d,y+far,0])+'M'+at([x-far,y+d,0])+'L'+at([x+far,y+d,0]);}
+$('grid').setAttribute('d',g);$('bar').setAttribute('d','M-150 90h'+200*scale+'m0 -3v6M-150 87v6');
+const o=at(m),arm=i=>{const p=m.slice();p[i]+=22/scale;const q=at(p);return[125+q[0]-o[0],70+q[1]-o[1]];};
+$('axes').setAttribute('d',[0,1,2].map(i=>'M125 70L'+arm(i)).join(''));
+['x','y','z'].forEach((n,i)=>{const q=arm(i);$(n).setAttribute('x',q[0]+2);$(n).setAttribute('y',q[1]-2);});
+F.forEach((f,n)=>{const p=cubes(f,k),q=p.map(at);
+$('b'+n).setAttribute('points',q.join(' '));$('s'+n).setAttribute('points',p.map(x=>at([x[0],x[1],0])).join(' '));
+q.forEach((x,c)=>{const e=$('c'+n+c);e.setAttribute('cx',x[0]);e.setAttribute('cy',x[1]);e.setAttribute('r',62*scale);});});}
 let run=null;play.addEventListener('click',()=>{if(run){clearInterval(run);run=null;play.textContent='Play';return;}
-if(+time.value>=+time.max)time.value=0;play.textContent='Pause';
-run=setInterval(()=>{if(+time.value>=+time.max){play.click();return;}time.value=+time.value+1;show();},1000/RATE);});
+if(+time.value>=LAST)time.value=0;play.textContent='Pause';
+run=setInterval(()=>{if(+time.value>=LAST){play.click();return;}time.value=+time.value+1;show();},1000/RATE);});
 time.addEventListener('input',show);view.addEventListener('input',show);show();
 ";

@@ -72,3 +72,46 @@ fn a_case_by_name_is_a_data_set_with_its_label() {
     assert!(refused("coulomb_friction:0.5").contains("effect@JOINT"));
     assert!(refused("warp@1").contains("no effect `warp`"));
 }
+
+#[test]
+fn a_latency_that_all_joints_share_is_one_cause() {
+    let folder = Folder::new("shared");
+    let late: Vec<String> = (0..6).map(|k| format!("latency@{k}:0.06")).collect();
+    let made = ["make-case", &late.join("+"), "--gaits", "3", "-o", "./late"];
+    trials(&folder, &made).expect("a case");
+    let found = rb(&folder, &["--json", "gap", "causes", "late"])
+        .expect(0)
+        .json();
+    assert_eq!(found["schema"], "rb.gap/2", "{found}");
+    let first = &found["causes"][0];
+    assert_eq!(first["effect"], "latency", "{found}");
+    assert_eq!(first["scope"], "all", "{found}");
+    let delay_s = first["values"]["delay_s"]["value"].as_f64().unwrap();
+    assert!((delay_s - 0.06).abs() < 0.02, "{found}");
+    // A library without the effect names something else, or nothing.
+    let without = ["--json", "gap", "causes", "late", "--withhold", "latency"];
+    let other = rb(&folder, &without).expect(0).json();
+    let named = other["causes"].as_array().unwrap();
+    assert!(named.iter().all(|c| c["effect"] != "latency"), "{other}");
+}
+
+#[test]
+fn a_robot_without_a_cause_has_none_and_few_of_them_calibrate_nothing() {
+    let folder = Folder::new("nulls");
+    let made = ["make-case", "none", "--gaits", "3", "-o", "./nulls/one"];
+    std::fs::create_dir_all(folder.path("nulls")).unwrap();
+    trials(&folder, &made).expect("a case");
+    let found = rb(&folder, &["--json", "gap", "causes", "nulls/one"])
+        .expect(0)
+        .json();
+    assert_eq!(found["verdict"], "none", "{found}");
+    assert_eq!(found["causes"].as_array().unwrap().len(), 0, "{found}");
+    let few = ["gap", "calibrate", "--nulls", "nulls", "-o", "own.json"];
+    let refused = rb(&folder, &few).expect(3);
+    assert!(
+        refused.err.contains("at least 19 robots"),
+        "{}",
+        refused.err
+    );
+    assert!(!folder.path("own.json").exists());
+}

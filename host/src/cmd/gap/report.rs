@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use gap::report::Subject;
 use gap::verdict::Verdict;
 use gap::vocabulary::Effect;
 use gap::{Diagnosis, Settings};
@@ -112,6 +113,7 @@ struct Targets<'a> {
 
 /// What stands in them.
 struct Texts<'a> {
+    subject: &'a Subject,
     html: &'a dyn Fn() -> String,
     patch: &'a dyn Fn() -> String,
 }
@@ -157,7 +159,7 @@ impl<'a> Targets<'a> {
     /// Writes the files, prints the verdict, and tells a script when it is that of a stopped search.
     fn write(&self, verdict: &Verdict, texts: &Texts<'_>, context: &Context) -> Outcome {
         let other = |e| Failure::new(Exit::Other, anyhow::Error::new(e));
-        let markdown = gap::report::markdown(verdict);
+        let markdown = gap::report::markdown(verdict, texts.subject);
         let put = |path: Option<&Path>, text: &dyn Fn() -> String| -> Outcome {
             let Some(path) = path else { return Ok(()) };
             write(path, &text())?;
@@ -226,7 +228,8 @@ fn run_whole(
     let mut d = diagnosed?;
     next::robot(&mut d, targets.beside())?;
     let texts = Texts {
-        html: &|| d.html(),
+        subject: &input.subject,
+        html: &|| d.html(&input.subject),
         patch: &|| d.patch().to_toml(),
     };
     targets.write(d.verdict(), &texts, context)
@@ -248,7 +251,8 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     let mut d = diagnose(&input, &settings, args.time_limit, context)?;
     next::bench(&mut d, targets.beside())?;
     let texts = Texts {
-        html: &|| gap::report::html(&d),
+        subject: &input.subject,
+        html: &|| gap::report::html(&d, &input.subject),
         patch: &|| gap::patch::to_toml(&d),
     };
     targets.write(&d.verdict, &texts, context)
