@@ -46,7 +46,7 @@ impl Cause<'_> {
         self.rows.iter().all(|r| r.plausible)
     }
 
-    /// The effect as a noun, with its joints on a robot, and with a mark where no such part has the size that was found.
+    /// The effect as a noun, with its joints on a robot, and with a mark where the size found is not plausible.
     pub(crate) fn noun(&self, robot: bool) -> String {
         let (mut noun, which) = (self.effect().plain().to_owned(), self.joints());
         if robot && !which.is_empty() {
@@ -286,7 +286,10 @@ pub(crate) fn fall(gap: &Gap) -> String {
     let fall = format!("The held-out error falls from {from} to {to}");
     // Half of it is no small part.
     if 2.0 * calibrated >= all {
-        format!("{fall}; calibration alone does {calibrated} of these {all} per cent")
+        format!(
+            "{fall}, to {} by calibration alone",
+            quantity(gap.after_calibration, &gap.unit)
+        )
     } else {
         fall
     }
@@ -334,7 +337,7 @@ pub(crate) fn sentence(v: &Verdict, robot: bool) -> String {
                     all.extend(one.members.iter().map(|e| e.plain().to_owned()));
                     let list = listed(&all, NAMED + 1, "or");
                     format!(
-                        "{from} {list}: these recordings cannot distinguish them ({sure} sure that it is one of them). {fall}."
+                        "{from} {list}, which these recordings cannot distinguish ({sure} sure that it is one of them). {fall}."
                     )
                 }
                 _ => format!("{from} {list} ({sure} sure). {fall}."),
@@ -357,7 +360,8 @@ pub(crate) fn sentence(v: &Verdict, robot: bool) -> String {
     out
 }
 
-/// Says of a robot without a gap how far its body still ends off, where that is more than `least` times what its start explains.
+/// How far the body of a robot without a gap still ends off, where that is more than `least` times what its start
+/// explains.
 pub(crate) fn body_off(gap: &Gap, least: f64) -> Option<String> {
     let off = gap.metric == "pose_rmse_m" && gap.after > least * gap.floor;
     off.then(|| {

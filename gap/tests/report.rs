@@ -66,7 +66,7 @@ const ANSWERS: [(&str, [&str; 5]); 5] = [
         "class",
         [
             "gear play and twist (46 % of the gap), perhaps controller or gear and load",
-            "play in the gear, small errors that the controller ignores or extra friction near standstill: these recordings cannot distinguish them",
+            "play in the gear, small errors that the controller ignores or extra friction near standstill, which these recordings cannot distinguish",
             "(57 % sure that it is one of them)",
             "18.9 to 7.20 mrad, floor 5.20 mrad",
             "What next Bring the joint to 200 mrad and play the slow triangle",
@@ -189,8 +189,8 @@ fn chromium() -> Option<&'static str> {
     names.into_iter().find(runs).filter(|_| runs(&"python3"))
 }
 
-/// Pictures of the first screens, as `docs/pictures` shows them. New ones lie in the folder for temporary files of the tests: copy them
-/// where a change is meant.
+/// Pictures of the first screens, as `docs/pictures` shows them. New ones lie in `target/tmp/reports`: copy them where a
+/// change is meant.
 #[test]
 fn first_screens_look_as_the_documents_show_them() {
     let Some(chromium) = chromium() else {

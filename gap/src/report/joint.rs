@@ -103,12 +103,12 @@ impl Traces {
         let _ = if linear {
             write!(
                 s,
-                "<text x=\"-116\" y=\"-4\">-<tspan id=\"end\"></tspan></text><text x=\"80\" y=\"-4\" id=\"high\"></text>"
+                "<text x=\"-116\" y=\"-4\">-<tspan id=\"end\"></tspan></text><text x=\"118\" y=\"-4\" text-anchor=\"end\" id=\"high\"></text>"
             )
         } else {
             write!(
                 s,
-                "<text x=\"4\" y=\"116\">0</text><text x=\"84\" y=\"-4\">1571 mrad</text><text x=\"-118\" y=\"-4\">-1571 mrad</text><text x=\"4\" y=\"-112\">3142 mrad</text>"
+                "<text x=\"4\" y=\"116\">0</text><text x=\"118\" y=\"-4\" text-anchor=\"end\">1571 mrad</text><text x=\"-118\" y=\"-4\">-1571 mrad</text><text x=\"4\" y=\"-112\">3142 mrad</text>"
             )
         };
         for (k, length) in [(1, 80), (2, 90), (0, 100)] {

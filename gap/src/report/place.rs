@@ -36,7 +36,7 @@ fn role(v: &Verdict, spot: &Spot) -> &'static str {
         (Kind::Calibrated, Word::Unknown) => ": fitted",
         (Kind::Calibrated, _) => ": calibration",
         (Kind::Rest, Word::Unknown | Word::PartlyExplained) => ": not explained",
-        (Kind::Rest, _) => ": no significant remainder",
+        (Kind::Rest, _) => ": remainder within the uncertainty",
     }
 }
 
@@ -83,6 +83,11 @@ fn row(s: &mut String, y: f64, name: &str, spot: Option<&Spot>, shown: bool) {
     }
 }
 
+/// How dark a part with this share is.
+fn depth(share: f64) -> f64 {
+    0.3 + 0.7 * share.clamp(0.0, 1.0)
+}
+
 /// Four cubes, six joints, the ground; each joint with its share.
 fn robot(s: &mut String, all: &[Spot], shown: bool) {
     // Centres of the joints: in the cubes 0, 1, 2, 3 and between the cubes of a module.
@@ -95,13 +100,18 @@ fn robot(s: &mut String, all: &[Spot], shown: bool) {
     }
     s.push_str("<path class=\"box\" d=\"M162 54H198M0 88H360\"/>");
     let body = all.iter().find(|p| p.stage == Some(Stage::Body) && shown);
-    let (of, words) = match body {
-        Some(p) => (class(p.kind), format!("ground {:.0} %", 100.0 * p.share)),
-        None => ("paper", "ground".into()),
+    let (of, share, words) = match body {
+        Some(p) => (
+            class(p.kind),
+            p.share,
+            format!("ground {:.0} %", 100.0 * p.share),
+        ),
+        None => ("paper", 0.0, "ground".into()),
     };
     let _ = write!(
         s,
-        "<rect class=\"{of}\" x=\"0\" y=\"89\" width=\"360\" height=\"16\"/><text class=\"middle small\" x=\"180\" y=\"101\">{words}</text>"
+        "<rect class=\"{of}\" x=\"0\" y=\"89\" width=\"360\" height=\"16\" fill-opacity=\"{:.2}\"/><text class=\"middle small\" x=\"180\" y=\"101\">{words}</text>",
+        depth(share)
     );
     for (k, x) in X.iter().enumerate() {
         let own = || all.iter().filter(|p| p.joints.contains(&k));
@@ -113,7 +123,7 @@ fn robot(s: &mut String, all: &[Spot], shown: bool) {
             ("bent", "")
         };
         let depth = match shown && share >= LEAST {
-            true => 0.3 + 0.7 * share.clamp(0.0, 1.0),
+            true => depth(share),
             false => 0.0,
         };
         let _ = write!(

@@ -37,8 +37,8 @@ fn day(time: SystemTime) -> Option<String> {
     Some(format!("{year:04}-{month:02}-{day:02}"))
 }
 
-/// The data set at `path` for the head of a report: a set without a name of its own has that of its folder, and the day is that of
-/// the newest file of a run.
+/// The data set at `path` for the head of a report. A set without a name of its own has that of its folder; the day is
+/// that of the newest file of a run.
 fn subject(path: &Path, manifest: &Manifest) -> Subject {
     let folder = match path.is_dir() {
         true => path,
