@@ -101,8 +101,8 @@ impl Calibration {
         (n - below + 1) as f64 / (n + 1) as f64
     }
 
-    /// Evidence that a cause must add: the least one whose p-value is at most [`LEVEL`]; beyond all robots without a cause where
-    /// these are too few to tell.
+    /// Evidence that a cause must add: the least one whose p-value is at most [`LEVEL`]; beyond all robots without
+    /// a cause where these are too few to tell.
     #[must_use]
     pub fn least(&self) -> f64 {
         let n = self.strongest.len();

@@ -202,8 +202,8 @@ impl Column {
     }
 }
 
-/// Standard deviation of the share of a played shape: neighbours of a grid stand a factor of 1.4 to 2 apart, and a size between two of
-/// them is that share of the nearer one.
+/// Standard deviation of the share of a played shape: neighbours of a grid stand a factor of 1.4 to 2 apart, and a
+/// size between two of them is that share of the nearer one.
 const BETWEEN: f64 = 0.25;
 
 /// Prediction errors of one run, in order of time.
@@ -252,8 +252,9 @@ pub struct Block {
 }
 
 impl Block {
-    /// The same where `share` of the noise's standard deviation may be model error in any one direction, which no number of rows averages
-    /// away: along a direction the errors then have the variance `1 + rows share^2`, and all that the block says counts by so much less.
+    /// The same where `share` of the noise's standard deviation may be model error in any one direction, which no
+    /// number of rows averages away: along a direction the errors then have the variance `1 + rows share^2`, and
+    /// all that the block says counts by so much less.
     #[must_use]
     pub fn with_model_error(mut self, share: f64) -> Self {
         let by = 1.0 / (1.0 + self.rows * share * share);

@@ -73,8 +73,8 @@ pub struct Cause {
 
 /// Spread of a shared cause between joints, as a share of its size: parts from one drawer, and parts that wear.
 const SPREADS: [f64; 3] = [0.02, 0.3, 1.0];
-/// Expected number of causes of a robot; the prior probability of one is this over the number of its kind. Two to three findings are
-/// what reviews of servos and robots report (gap methods: PACE, BAM).
+/// Expected number of causes of a robot; the prior probability of one is this over the number of its kind. Two to
+/// three findings are what reviews of servos and robots report (gap methods: PACE, BAM).
 const EXPECTED: f64 = 2.0;
 
 /// Coefficients of one effect and one shape at one joint.
@@ -225,7 +225,8 @@ fn shared(
     out
 }
 
-/// What blocks share whatever the causes: one coefficient per key of the columns that are the robot's, with their slack.
+/// What blocks share whatever the causes: one coefficient per key of the columns that are the robot's, with their
+/// slack.
 #[must_use]
 pub fn shared_slack(blocks: &[Block]) -> Vec<Cause> {
     let mut keys: Vec<(&'static str, f64, Entries)> = Vec::new();

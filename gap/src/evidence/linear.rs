@@ -1,6 +1,7 @@
 //! Small dense linear algebra: row-major square matrices.
 
-/// Lower Cholesky factor of a symmetric positive matrix of `n` rows; a pivot below `1e-12` of its diagonal is lifted to that.
+/// Lower Cholesky factor of a symmetric positive matrix of `n` rows; a pivot below `1e-12` of its diagonal is
+/// lifted to that.
 #[must_use]
 pub fn cholesky(a: &[f64], n: usize) -> Vec<f64> {
     let mut l = vec![0.0; n * n];

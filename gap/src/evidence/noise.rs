@@ -5,8 +5,8 @@ use super::linear::solve;
 
 /// Passes between coefficients and noise; the second changes little, the third nothing that counts.
 const PASSES: usize = 3;
-/// Whitened errors beyond this many standard deviations count linearly (Huber 1981, 95 % efficiency at 1.345; wider, because rare
-/// blows are a part of the motion).
+/// Whitened errors beyond this many standard deviations count linearly (Huber 1981, 95 % efficiency at 1.345;
+/// wider, because rare blows are a part of the motion).
 const HUBER: f64 = 3.0;
 
 /// Coefficients of all columns at once under their priors: the fit that leaves least.
@@ -87,7 +87,8 @@ fn filtered(v: &[f64], a: &[f64], scale: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Errors and columns filtered to independent errors of size one, and the standard deviation of those errors in the unit of the signal.
+/// Errors and columns filtered to independent errors of size one, and the standard deviation of those errors in the
+/// unit of the signal.
 pub(super) fn whiten(
     segments: &[Segment],
     columns: &[Column],

@@ -315,7 +315,7 @@ impl Problem<'_> {
                     .iter()
                     .filter_map(|s| {
                         let new = s.members.iter().find(|m| !best.members.contains(m))?;
-                        (*new != own).then(|| Rival {
+                        (*new != own).then_some(Rival {
                             cause: *new,
                             margin: best.evidence - s.evidence,
                         })

@@ -27,8 +27,8 @@ pub use rows::{Alternative, Causes, Probabilities, Row, Value, Word};
 
 /// Order of the autoregression that whitens: 0.12 s of angles, 0.24 s of torques.
 const ORDER: usize = 6;
-/// Model error in any one direction as a share of the noise: of angles, torques and the base. Robots played in MuJoCo without a cause show
-/// evidence of 6 at most with these (development seed 1); the emulator's less.
+/// Model error in any one direction as a share of the noise: of angles, torques and the base. Robots played in
+/// MuJoCo without a cause show evidence of 6 at most with these (development seed 1); the emulator's less.
 const MODEL_ERROR: [f64; 3] = [0.12, 0.03, 0.03];
 /// The same of torques where no base pose was recorded: the loads are then guesses.
 const UNTRACKED: f64 = 0.3;
@@ -270,7 +270,7 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Expla
     let mut starts = Starts::default();
     let mut out: Option<Explained> = None;
     let mut tier = tier;
-    let mut world: Option<(Vec<(usize, f64)>, Loads, Option<Block>)> = None;
+    let mut world: Option<World> = None;
     for _ in 0..PASSES {
         if world.as_ref().is_none_or(|w| w.0 != starts.body) {
             let theta = body_block::placed(&moves, &neutral, &starts.body);
@@ -317,6 +317,12 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Expla
     out.expect("at least one pass")
 }
 
+/// The coefficients that body and loads were played with, and what they gave.
+type World = (Vec<(usize, f64)>, Loads, Option<Block>);
+
+/// Effect, joints and fixed parameters of a cause.
+type Name = (Option<Effect>, Vec<usize>, Vec<(&'static str, f64)>);
+
 /// Passes of search and linearisation.
 const PASSES: usize = 3;
 
@@ -357,7 +363,7 @@ impl Explained {
     }
 
     /// Effects and joints found.
-    fn names(&self) -> Vec<(Option<Effect>, Vec<usize>, Vec<(&'static str, f64)>)> {
+    fn names(&self) -> Vec<Name> {
         let one = |m: &usize| {
             let c = &self.causes[*m];
             (c.effect, c.joints.clone(), c.fixed.clone())

@@ -1,4 +1,5 @@
-//! The base given the joints: poses of short windows, restarted from the measured state and led along the measured angles.
+//! The base given the joints: poses of short windows, restarted from the measured state and led along the measured
+//! angles.
 
 use crate::evidence::block::{Block, Column, Segment, Site};
 use crate::vocabulary::{Effect, Stage};
@@ -12,8 +13,8 @@ use super::super::data::JOINTS;
 /// Degrees of freedom of the errors of a window (Student's t): a body that rests on an edge falls to either side.
 const FREEDOM: f64 = 6.0;
 
-/// What contact laws of two engines differ by in the friction that motion and loads show, as a share of it: a pyramid inside the cone has up
-/// to 0.71 of it (MuJoCo's default), and creep takes more.
+/// What contact laws of two engines differ by in the friction that motion and loads show, as a share of it: a
+/// pyramid inside the cone has up to 0.71 of it (MuJoCo's default), and creep takes more.
 const ENGINES: f64 = 0.2;
 
 /// A column of the body: what is moved, from where the coefficient counts.
@@ -128,7 +129,9 @@ pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
     {
         let fixed = [("damping_n_s_m", damping)];
         out.push(whole(
+            // Contacts of other engines give by 5e-5 m/N (MuJoCo's default, see `body::contacts`).
             Column::played(Effect::GroundCompliance, "give_m_n", 0.0, give, shape)
+                .with_slack(if shape == 0 { 0.5 } else { 0.0 })
                 .shaped(shape, &fixed),
             vec![
                 (b(B::GroundGive), give),

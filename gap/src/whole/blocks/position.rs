@@ -1,7 +1,8 @@
-//! The encoder given the set-points: the angle less that of the nominal servo, which is stable and forgets its start in 0.3 s.
+//! The encoder given the set-points: the angle less that of the nominal servo, which is stable and forgets its
+//! start in 0.3 s.
 //!
-//! What is measured of the joint stands on one side only. With the measured angle in the loop its noise would be a regressor, and a
-//! late encoder would explain the noise (seen: 100 times the evidence of any planted cause).
+//! What is measured of the joint stands on one side only. With the measured angle in the loop its noise would be a
+//! regressor, and a late encoder would explain the noise (seen: 100 times the evidence of any planted cause).
 
 use crate::evidence::block::{Column, Raw, Segment, Site};
 use crate::vocabulary::{Effect, Stage};
@@ -14,8 +15,9 @@ const STEP_S: f64 = 0.002;
 /// Least length of a prediction, s.
 const HORIZON_S: f64 = 0.04;
 
-/// What two simulators of one servo differ by from one angle to the next: rad, and share of the angle's spread. The old servo of the
-/// diagnosis and the emulated driver of `hil-sim`, both at their own steps, differ by 0.2 mrad on 0.8 rad.
+/// What two simulators of one servo differ by from one angle to the next: rad, and share of the angle's spread. The
+/// old servo of the diagnosis and the emulated driver of `hil-sim`, both at their own steps, differ by 0.2 mrad on
+/// 0.8 rad.
 const LEAST_RAD: f64 = 1.0e-4;
 const SHARE: f64 = 5.0e-4;
 
@@ -32,7 +34,8 @@ const SPEEDS_RAD_S: [f64; 21] = [
     0.06, 0.072, 0.086, 0.104, 0.124, 0.149, 0.179, 0.215, 0.258, 0.31, 0.37, 0.45, 0.53, 0.64,
     0.77, 0.92, 1.11, 1.33, 1.6, 1.92, 2.3,
 ];
-/// Steps of coarse set-points that are played, rad: 4 % apart, because steps of another size fall out of time after a few.
+/// Steps of coarse set-points that are played, rad: 4 % apart, because steps of another size fall out of time after
+/// a few.
 const COARSEST_RAD: f64 = 0.25;
 const FINEST_RAD: f64 = 0.004;
 const APART: f64 = 1.04;
@@ -82,7 +85,8 @@ struct Grid {
     from_s: f64,
 }
 
-/// The servo: `v = clamp(P (c - q))` with what may be different about it. Neutral values are those of the nominal model.
+/// The servo: `v = clamp(P (c - q))` with what may be different about it. Neutral values are those of the nominal
+/// model.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Law {
     gain: f64,
@@ -558,8 +562,8 @@ pub(in crate::whole) fn raw(
     for (grid, lost) in grids.iter().zip(&lost) {
         let plain = grid.compared(&grid.simulated(&there));
         let column = |(c, s): (usize, &Shape)| -> Vec<f64> {
-            // What is in the law already is taken away, so that the errors with and without it are as they are played; another
-            // shape of its effect stands in its place.
+            // What is in the law already is taken away, so that the errors with and without it are as they are
+            // played; another shape of its effect stands in its place.
             let within = start.iter().find(|x| x.0 == c && x.1.abs() > 1e-9);
             let step = within.map_or(s.step, |x| -x.1);
             let rivals = start
@@ -641,7 +645,8 @@ mod tests {
         }
     }
 
-    /// Set-points of a slow swing, and the closed form of a loop that follows them `late_s` late with gain `GAIN * ratio`.
+    /// Set-points of a slow swing, and the closed form of a loop that follows them `late_s` late with gain `GAIN *
+    /// ratio`.
     fn run(late_s: f64, ratio: f64, offset: f64, rng: &mut Rng) -> (Track, Track) {
         let set = |i: usize| {
             0.6 * crate::math::sin(0.063 * i as f64) + 0.2 * crate::math::sin(0.17 * i as f64)
