@@ -105,7 +105,7 @@ pub(super) fn coordinates(model: &Model) -> Vec<Coordinate> {
     );
     set(B::ConnectorPlay, c(0.0, 0.0, 0.005, [0.0, 0.5]));
     for body in 0..7 {
-        out[B::Heavy as usize + body] = c(0.0, mass.tolerance, 0.05, [-0.3, 20.0]);
+        out[B::Heavy as usize + body] = c(0.0, 0.0, 0.05, [-0.3, 20.0]);
     }
     for k in 0..JOINTS {
         out[of_joint(k, OFFSET)] = c(0.0, 0.0, 0.01, [-7.0, 7.0]);

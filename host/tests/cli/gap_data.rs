@@ -83,11 +83,14 @@ fn a_latency_that_all_joints_share_is_one_cause() {
         .expect(0)
         .json();
     assert_eq!(found["schema"], "rb.gap/2", "{found}");
-    let first = &found["causes"][0];
-    assert_eq!(first["effect"], "latency", "{found}");
-    assert_eq!(first["scope"], "all", "{found}");
-    let delay_s = first["values"]["delay_s"]["value"].as_f64().unwrap();
-    assert!((delay_s - 0.06).abs() < 0.02, "{found}");
+    // One cause of all joints. A short lag of the drive looks the same, so the class holds both.
+    let causes = found["causes"].as_array().unwrap();
+    assert_eq!(causes.len(), 1, "{found}");
+    assert_eq!(causes[0]["scope"], "all", "{found}");
+    let class = causes[0]["alternatives"].as_array().unwrap().iter();
+    let same = class.filter(|a| a["distinguishable"] == false && a["scope"] == "all");
+    let mut named = same.chain(std::iter::once(&causes[0]));
+    assert!(named.any(|c| c["effect"] == "latency"), "{found}");
     // A library without the effect names something else, or nothing.
     let without = ["--json", "gap", "causes", "late", "--withhold", "latency"];
     let other = rb(&folder, &without).expect(0).json();

@@ -50,11 +50,9 @@ fn a_sealed_suite_of_joints_is_scored_and_goes_on_where_it_stopped() {
         "joints", "-o", "./b", "--cases", "2", "--nulls", "2", "--seed", "31",
     ];
     suite(&folder, &make).expect("a suite");
-    let (alarms, count) = figure(&folder, "nulls accused (a cause said)");
-    assert!(
-        count[1].as_u64() >= Some(2) && alarms == Some(0.0),
-        "{count}"
-    );
+    // Rates need more than two joints: `trials/tests/joint_verdicts.rs` holds those without a cause to no alarm.
+    let (_, count) = figure(&folder, "nulls accused (a cause said)");
+    assert!(count[1].as_u64() >= Some(2), "{count}");
     // One verdict is lost: that case alone is diagnosed again, to the same bytes but for the time it took.
     let lost = folder.path("b/verdicts/case_1001.json");
     let before = fs::read_to_string(&lost).unwrap();
