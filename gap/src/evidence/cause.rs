@@ -65,7 +65,7 @@ pub struct Cause {
     pub mean: Entries,
     /// What it sets.
     pub numbers: Vec<Number>,
-    /// The first latent number cannot pull its coefficient below zero.
+    /// No coefficient can be negative.
     pub positive: bool,
     /// Logarithm of its prior probability over that of its absence.
     pub log_prior: f64,
@@ -275,9 +275,8 @@ pub fn causes(blocks: &[Block], groups: &[Group], withheld: &[Effect]) -> Vec<Ca
     let mut out = Vec::new();
     for (effect, _, parts) in &mut all {
         parts.iter_mut().for_each(merged);
-        let shapes = 1.0;
         // Shared by a group as often as by one joint: half of the prior probability each.
-        let of_kind = libm::log(EXPECTED / kinds.len() as f64 / shapes);
+        let of_kind = libm::log(EXPECTED / kinds.len() as f64);
         let one = of_kind - libm::log(2.0 * parts.len() as f64);
         let jointly: Vec<&Group> = groups
             .iter()

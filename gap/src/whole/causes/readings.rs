@@ -27,14 +27,8 @@ pub(super) fn sure(effect: Effect, joint: Option<usize>, key: &'static str) -> B
 /// Standard deviations by which a joint that follows another set-point, or turns the other way, stands out.
 const SURE: f64 = 20.0;
 
-/// A number that was read off the signals, as a block of one row.
-pub(super) fn reading(r: &Reading) -> Block {
-    let neutral = match r.key {
-        "limit_nm" => r.estimate.value + 5.0 * (r.estimate.ci95[1] - r.estimate.value),
-        "ratio" => 1.0,
-        "value_v" => 12.0,
-        _ => 0.0,
-    };
+/// A number that was read off the signals, as a block of one row; `neutral` is what the nominal model has there.
+pub(super) fn reading(r: &Reading, neutral: f64) -> Block {
     let error = ((r.estimate.ci95[1] - r.estimate.value) / 1.96)
         .max(LEAST_ERROR * (r.estimate.value - neutral).abs());
     let off = r.estimate.value - neutral;
