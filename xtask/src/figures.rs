@@ -104,3 +104,21 @@ mod tests {
         assert_eq!(newer, page.replace("-->\n1\n", "-->\n3\n"));
     }
 }
+
+#[cfg(test)]
+mod programs {
+    use super::TABLES;
+    use crate::sh;
+
+    #[test]
+    fn every_table_has_its_program() {
+        for (title, command) in TABLES {
+            let words: Vec<&str> = command.split(' ').collect();
+            let after = |flag: &str| words.windows(2).find(|w| w[0] == flag).map(|w| w[1]);
+            if let (Some(package), Some(name)) = (after("-p"), after("--example")) {
+                let file = sh::root().join(format!("{package}/examples/{name}.rs"));
+                assert!(file.is_file(), "{title}: no {}", file.display());
+            }
+        }
+    }
+}
