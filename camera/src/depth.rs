@@ -1,7 +1,7 @@
 //! The real side: depth frames of an overhead Kinect, cut down to the robot.
 
 use crate::Silhouette;
-use crate::picture::PictureError;
+use crate::picture::{PictureError, must_be_small};
 
 /// A raw depth frame, row by row; 0 and [`NO_READING`] are pixels without a distance.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -67,8 +67,8 @@ pub enum DepthError {
     NoFrame,
 }
 
-/// Largest edge accepted from a header.
-const MAX_EDGE: usize = 4096;
+/// Largest edge accepted from a header, px.
+pub const MAX_EDGE: usize = 4096;
 
 /// Read a binary PGM (8 or 16 bit).
 ///
@@ -134,14 +134,14 @@ pub fn write_pgm(frame: &DepthFrame) -> Vec<u8> {
 /// When it is no PNG, or not grey scale with 16 bit.
 pub fn read_png(bytes: &[u8]) -> Result<DepthFrame, PictureError> {
     let mut reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info()?;
+    must_be_small(reader.info())?;
+    let (colour, depth) = reader.output_color_type();
+    if (colour, depth) != (png::ColorType::Grayscale, png::BitDepth::Sixteen) {
+        let bits = depth as u8;
+        return Err(PictureError::NoDepth { colour, bits });
+    }
     let mut data = vec![0; reader.output_buffer_size().unwrap_or(0)];
     let info = reader.next_frame(&mut data)?;
-    if (info.color_type, info.bit_depth) != (png::ColorType::Grayscale, png::BitDepth::Sixteen) {
-        return Err(PictureError::NoDepth {
-            colour: info.color_type,
-            bits: info.bit_depth as u8,
-        });
-    }
     let samples = data.as_chunks().0.iter();
     Ok(DepthFrame {
         width: info.width as usize,

@@ -1,6 +1,7 @@
 //! Pictures in the paper's colours: simulation blue, robot red, overlap green.
 
 use crate::Silhouette;
+use crate::depth::MAX_EDGE;
 
 pub(crate) const BLUE: [u8; 3] = [0x3b, 0x6f, 0xd4];
 pub(crate) const RED: [u8; 3] = [0xd6, 0x45, 0x3d];
@@ -27,6 +28,14 @@ pub enum PictureError {
     /// The file is no valid PNG.
     #[error("PNG decoding: {0}")]
     Decode(#[from] png::DecodingError),
+    /// More pixels than a camera of this use has.
+    #[error("the PNG is {width} x {height} pixels; at most {MAX_EDGE} x {MAX_EDGE} are read")]
+    Large {
+        /// Pixels.
+        width: u32,
+        /// Pixels.
+        height: u32,
+    },
     /// Not 1 channel.
     #[error("the PNG is {found:?}; silhouettes are grey scale with 1, 8 or 16 bit")]
     Colour {
@@ -70,20 +79,22 @@ pub fn silhouette_png(frame: &Silhouette) -> Result<Vec<u8>, PictureError> {
 /// When it is no PNG or not grey scale.
 pub fn read_silhouette_png(bytes: &[u8]) -> Result<Silhouette, PictureError> {
     let mut decoder = png::Decoder::new(std::io::Cursor::new(bytes));
-    let packed = decoder.read_header_info()?.bit_depth == png::BitDepth::One;
+    let header = decoder.read_header_info()?;
+    must_be_small(header)?;
+    let packed = header.bit_depth == png::BitDepth::One;
     decoder.set_transformations(if packed {
         png::Transformations::IDENTITY
     } else {
         png::Transformations::EXPAND | png::Transformations::STRIP_16
     });
     let mut reader = decoder.read_info()?;
+    // Three or four channels of many pixels are refused before memory is taken for them.
+    let found = reader.output_color_type().0;
+    if found != png::ColorType::Grayscale {
+        return Err(PictureError::Colour { found });
+    }
     let mut data = vec![0; reader.output_buffer_size().unwrap_or(0)];
     let info = reader.next_frame(&mut data)?;
-    if info.color_type != png::ColorType::Grayscale {
-        return Err(PictureError::Colour {
-            found: info.color_type,
-        });
-    }
     let mut frame = Silhouette::new(info.width as usize, info.height as usize);
     let mut words = Vec::new();
     for (y, row) in data.chunks_exact(info.line_size).enumerate() {
@@ -104,6 +115,15 @@ pub fn read_silhouette_png(bytes: &[u8]) -> Result<Silhouette, PictureError> {
         frame.mark_words(y, &words);
     }
     Ok(frame.cropped())
+}
+
+/// A header of a few bytes can claim 2^31 x 2^31 pixels.
+pub(crate) fn must_be_small(header: &png::Info<'_>) -> Result<(), PictureError> {
+    let (width, height) = (header.width, header.height);
+    if width.max(height) as usize > MAX_EDGE {
+        return Err(PictureError::Large { width, height });
+    }
+    Ok(())
 }
 
 /// The colours of one overlaid frame, three bytes per pixel.

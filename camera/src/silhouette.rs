@@ -122,6 +122,12 @@ impl Silhouette {
         }
     }
 
+    /// Bytes that the pixels take in memory.
+    #[must_use]
+    pub fn stored_bytes(&self) -> usize {
+        size_of_val(self.words.as_slice())
+    }
+
     /// Make the frame empty again.
     pub fn clear(&mut self) {
         for y in self.robot.top..self.robot.bottom {

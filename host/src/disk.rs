@@ -11,7 +11,10 @@ pub const MAX_TEXT: u64 = 4 << 20;
 /// Largest file of measurements read into memory: over a day of samples at 100 Hz is 12 GB, an hour is 0.5 GB.
 pub const MAX_DATA: u64 = 1 << 30;
 
-/// Opens a file that another file names: a regular file only. A pipe would wait for ever and a device has no end.
+/// Largest picture: 16-bit depth of 4096 x 4096 pixels.
+pub const MAX_PICTURE: u64 = 36 << 20;
+
+/// Opens a regular file only. A pipe would wait for ever and a device has no end.
 ///
 /// # Errors
 /// As the system tells, or [`ErrorKind::InvalidInput`] for anything but a regular file.
@@ -24,7 +27,14 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
         // A pipe without a writer opens at once; on a regular file the flag has no effect.
         options.custom_flags(libc::O_NONBLOCK);
     }
-    let file = options.open(path)?;
+    must_be_regular(options.open(path)?)
+}
+
+/// The file itself, if it is a regular one.
+///
+/// # Errors
+/// [`ErrorKind::InvalidInput`] for anything but a regular file.
+pub fn must_be_regular(file: File) -> io::Result<File> {
     if file.metadata()?.is_file() {
         return Ok(file);
     }
@@ -37,7 +47,14 @@ pub fn open_regular(path: &Path) -> io::Result<File> {
 /// # Errors
 /// As [`open_regular`], or [`ErrorKind::FileTooLarge`].
 pub fn read_regular(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
-    let file = open_regular(path)?;
+    read_opened(open_regular(path)?, limit)
+}
+
+/// Reads an opened file of at most `limit` bytes.
+///
+/// # Errors
+/// As the system tells, or [`ErrorKind::FileTooLarge`].
+pub fn read_opened(file: File, limit: u64) -> io::Result<Vec<u8>> {
     // Told at once for a file whose length is known, and by the limit below for one that grows.
     if file.metadata()?.len() > limit {
         return Err(too_large(limit));
@@ -48,10 +65,35 @@ pub fn read_regular(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
 /// Text of a regular file of at most `limit` bytes.
 ///
 /// # Errors
-/// As [`read_regular`], or [`ErrorKind::InvalidData`] where the file is not UTF-8.
+/// As [`read_regular`], or [`ErrorKind::InvalidData`] where the file is not UTF-8 text.
 pub fn read_regular_text(path: &Path, limit: u64) -> io::Result<String> {
-    as_text(read_regular(path, limit)?)
+    read_opened_text(open_regular(path)?, limit)
 }
+
+/// Text of an opened file of at most `limit` bytes. A byte of zero is no text: it is refused before the rest is read, because a file
+/// of a few bytes on the disk can be a gigabyte of them.
+///
+/// # Errors
+/// As [`read_opened`], or [`ErrorKind::InvalidData`] where the file is not UTF-8 text.
+pub fn read_opened_text(mut file: File, limit: u64) -> io::Result<String> {
+    if file.metadata()?.len() > limit {
+        return Err(too_large(limit));
+    }
+    let mut bytes = Vec::new();
+    (&mut file).take(HEAD).read_to_end(&mut bytes)?;
+    if let Some(at) = bytes.iter().position(|byte| *byte == 0) {
+        return Err(no_text(at));
+    }
+    let rest = (limit + 1).saturating_sub(bytes.len() as u64);
+    file.take(rest).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > limit {
+        return Err(too_large(limit));
+    }
+    as_text(bytes)
+}
+
+/// What is looked at before the whole of a text is read.
+const HEAD: u64 = 4096;
 
 /// Text of a file that a person named, of at most `limit` bytes; this may be a pipe.
 ///
@@ -81,11 +123,12 @@ fn too_large(limit: u64) -> io::Error {
 }
 
 fn as_text(bytes: Vec<u8>) -> io::Result<String> {
-    String::from_utf8(bytes).map_err(|error| {
-        let at = error.utf8_error().valid_up_to();
-        let why = format!("byte {at} is not UTF-8 text; save the file as UTF-8");
-        io::Error::new(ErrorKind::InvalidData, why)
-    })
+    String::from_utf8(bytes).map_err(|error| no_text(error.utf8_error().valid_up_to()))
+}
+
+fn no_text(at: usize) -> io::Error {
+    let why = format!("byte {at} is not UTF-8 text; save the file as UTF-8");
+    io::Error::new(ErrorKind::InvalidData, why)
 }
 
 /// The file as text for a command: as [`read_text`].

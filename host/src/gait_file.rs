@@ -77,10 +77,18 @@ pub fn load(path: &Path) -> Outcome<Gait> {
         (path.display().to_string(), text)
     };
     let text = text.map_err(|e| Failure::new(Exit::BadFile, e))?;
+    parse(&name, &text)
+}
+
+/// Validates the text of a gait file, TOML or JSON.
+///
+/// # Errors
+/// Exit code 3, with file, line and what to do.
+pub fn parse(name: &str, text: &str) -> Outcome<Gait> {
     if text.trim_start().starts_with('{') && text.len() <= files::gait::MAX_BYTES {
-        return from_json(&name, &text);
+        return from_json(name, text);
     }
-    Ok(files::gait::parse(&name, &text)?)
+    Ok(files::gait::parse(name, text)?)
 }
 
 /// A gait as JSON has the keys and values of its TOML.

@@ -15,6 +15,7 @@ pub mod bus_way;
 pub mod cli;
 pub mod cmd;
 pub mod context;
+pub mod data_folder;
 pub mod disk;
 pub mod examples;
 pub mod failure;

@@ -97,10 +97,10 @@ pub(super) fn run(args: &ModelArgs, context: &Context) -> Outcome {
     let begun = Instant::now();
     let folder = Folder::open(&args.output, args.resume)?;
     let told = Told::gather(args, &folder)?;
-    let manifest = films::read_manifest(&args.data)?;
+    let (data, manifest) = films::read_manifest(&args.data)?;
     context.out.say("reading films");
     let height_m = told.model.value(Key::CameraHeight);
-    let gaits = films::load(&args.data, &manifest, &told.training, height_m)?;
+    let gaits = films::load(&data, &manifest, &told.training, height_m)?;
     let settings = films::settings_of(manifest.camera.as_ref(), told.stride as usize);
     let longest = gaits.iter().map(FilmedGait::frames).max().unwrap_or(0);
     // As far past the film as the longest time shift of Table II looks.

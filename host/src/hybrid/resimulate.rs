@@ -19,7 +19,7 @@ use serde_json::json;
 use crate::context::Context;
 use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
-use crate::recording::set::SetFolder;
+use crate::recording::{self, set::SetFolder};
 use crate::searching::films;
 use crate::searching::folder::Folder;
 
@@ -61,8 +61,8 @@ pub fn run(
     (before, after): (&Model, &Model),
     folder: &Folder,
 ) -> Outcome<Vec<GaitRow>> {
-    let manifest = set.manifest()?;
-    let gaits = films::load(set.path(), &manifest, &[], after.value(Key::CameraHeight))?;
+    let (data, manifest) = films::read_manifest(set.path())?;
+    let gaits = films::load(&data, &manifest, &[], after.value(Key::CameraHeight))?;
     let settings = films::settings_of(manifest.camera.as_ref(), 1);
     let longest = gaits.iter().map(FilmedGait::frames).max().unwrap_or(0);
     let theatre = Theatre {
@@ -174,13 +174,12 @@ fn predicted_m_s(model: &Model, gait: &Gait) -> Outcome<f64> {
 
 /// Speed of each tracked run of a gait: ground distance from the first base pose to the last, over the time between.
 fn achieved_m_s(set: &SetFolder, gait: &str) -> Outcome<Vec<f64>> {
-    let manifest = set.manifest()?;
+    let (data, manifest) = films::read_manifest(set.path())?;
     let mut speeds = Vec::new();
     for run in manifest.runs.iter().filter(|run| run.gait == gait) {
-        let path = set.path().join(&run.file);
-        let shown = path.display().to_string();
-        let text = disk::read_regular_text(&path, disk::MAX_DATA)
-            .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
+        let shown = data.shown(&run.file).display().to_string();
+        let text =
+            recording::run_text(&data, &run.file).map_err(|e| Failure::new(Exit::BadFile, e))?;
         let (recording, _) = Recording::parse(&shown, &text, &manifest)
             .map_err(|e| Failure::new(Exit::BadFile, e))?;
         let [Some(x), Some(y), _] = &recording.body().base_m else {

@@ -5,6 +5,7 @@ use std::path::Path;
 use files::dataset::{Manifest, Recording, Warning, is_inside};
 use files::model::Model;
 
+use crate::data_folder::DataFolder;
 use crate::disk;
 
 /// What a check found.
@@ -22,8 +23,16 @@ pub struct Report {
 
 /// Reads manifest, model, gaits, CSV files and film indices of a folder.
 #[must_use]
-pub fn check(folder: &Path) -> Report {
+pub fn check(path: &Path) -> Report {
     let mut report = Report::default();
+    let folder = match DataFolder::open(path) {
+        Ok(folder) => folder,
+        Err(error) => {
+            report.problems.push(format!("{}: {error}", path.display()));
+            return report;
+        }
+    };
+    let folder = &folder;
     let Some(text) = read(folder, "dataset.toml", &mut report) else {
         return report;
     };
@@ -57,7 +66,7 @@ pub fn check(folder: &Path) -> Report {
         let name = format!("gaits/{gait}.toml");
         // Bench motions have no gait file.
         if is_inside(&name)
-            && folder.join(&name).exists()
+            && folder.has(&name)
             && let Some(text) = read(folder, &name, &mut report)
             && let Err(error) = files::gait::parse(&name, &text)
         {
@@ -83,8 +92,8 @@ pub fn check(folder: &Path) -> Report {
     report
 }
 
-fn read(folder: &Path, name: &str, report: &mut Report) -> Option<String> {
-    match disk::read_regular_text(&folder.join(name), disk::MAX_TEXT) {
+fn read(folder: &DataFolder, name: &str, report: &mut Report) -> Option<String> {
+    match folder.text(name, disk::MAX_TEXT) {
         Ok(text) => Some(text),
         Err(error) => {
             report.problems.push(format!("{name}: {error}"));
@@ -94,7 +103,7 @@ fn read(folder: &Path, name: &str, report: &mut Report) -> Option<String> {
 }
 
 /// CSV of a run, from a CSV file or a recording.
-fn run_text(folder: &Path, name: &str, report: &mut Report) -> Option<String> {
+fn run_text(folder: &DataFolder, name: &str, report: &mut Report) -> Option<String> {
     match super::load::run_text(folder, name) {
         Ok(text) => Some(text),
         Err(error) => {
@@ -105,7 +114,7 @@ fn run_text(folder: &Path, name: &str, report: &mut Report) -> Option<String> {
 }
 
 /// Every row of `index.csv` has a time after the one before, and a picture.
-fn film(folder: &Path, frames: &str, report: &mut Report) {
+fn film(folder: &DataFolder, frames: &str, report: &mut Report) {
     let name = format!("{frames}/index.csv");
     let Some(text) = read(folder, &name, report) else {
         return;
@@ -133,7 +142,7 @@ fn film(folder: &Path, frames: &str, report: &mut Report) {
             )),
         }
         let file = file.trim();
-        if !is_inside(file) || !folder.join(frames).join(file).is_file() {
+        if !is_inside(file) || !folder.has_file(&format!("{frames}/{file}")) {
             report.problems.push(format!(
                 "{name}:{number}: column `file`: there is no picture `{file}` in {frames}"
             ));

@@ -7,7 +7,11 @@ use std::path::{Path, PathBuf};
 use files::dataset::{DatasetError, Manifest, Recording as Columns, Warning};
 
 use super::{ReadError, csv, reader};
+use crate::data_folder::DataFolder;
 use crate::disk;
+
+/// The list of runs.
+const MANIFEST: &str = "dataset.toml";
 
 /// What was read.
 pub struct Loaded {
@@ -77,20 +81,22 @@ pub enum LoadError {
 /// # Errors
 /// [`LoadError`]
 pub fn load(path: &Path) -> Result<Loaded, LoadError> {
-    let (folder, text) = if path.is_dir() {
-        let manifest = path.join("dataset.toml");
-        let text = if manifest.exists() {
-            read_text(&manifest)?
-        } else {
-            made_up(path, &recordings_in(path)?, path)?
-        };
-        (path.to_owned(), text)
+    let folder = DataFolder::of(path).map_err(|source| LoadError::Io {
+        path: path.to_owned(),
+        source,
+    })?;
+    let text = if !path.is_dir() {
+        made_up(&folder, &[path.to_owned()], path)?
+    } else if path.join(MANIFEST).exists() {
+        let text = folder.text(MANIFEST, disk::MAX_TEXT);
+        text.map_err(|source| LoadError::Io {
+            path: path.join(MANIFEST),
+            source,
+        })?
     } else {
-        let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-        let text = made_up(&folder, &[path.to_owned()], path)?;
-        (folder, text)
+        made_up(&folder, &recordings_in(path)?, path)?
     };
-    let (manifest, mut warnings) = Manifest::parse("dataset.toml", &text)?;
+    let (manifest, mut warnings) = Manifest::parse(MANIFEST, &text)?;
     let mut bytes = text.into_bytes();
     let mut recordings = Vec::new();
     for run in &manifest.runs {
@@ -105,13 +111,6 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
         recordings,
         bytes,
         warnings,
-    })
-}
-
-fn read_text(path: &Path) -> Result<String, LoadError> {
-    disk::read_regular_text(path, disk::MAX_TEXT).map_err(|source| LoadError::Io {
-        path: path.to_owned(),
-        source,
     })
 }
 
@@ -147,17 +146,21 @@ fn is_mcap(file: &str) -> bool {
 }
 
 /// CSV of one run of the manifest.
-pub(super) fn run_text(folder: &Path, file: &str) -> Result<String, LoadError> {
+///
+/// # Errors
+/// [`LoadError`]
+pub fn run_text(folder: &DataFolder, file: &str) -> Result<String, LoadError> {
+    let bad = |source| LoadError::Run {
+        file: file.to_owned(),
+        source,
+    };
     if !is_mcap(file) {
-        let text = disk::read_regular_text(&folder.join(file), disk::MAX_DATA);
-        return text.map_err(|source| LoadError::Run {
-            file: file.to_owned(),
-            source,
-        });
+        return folder.text(file, disk::MAX_DATA).map_err(bad);
     }
     let (name, number) = split(file);
-    let path = folder.join(name);
-    let recording = reader::read(&path)?;
+    let path = folder.shown(name);
+    let opened = folder.file(name).map_err(bad)?;
+    let recording = reader::read_opened(&path, Ok(opened))?;
     let mut runs = recording.runs.iter().filter(|r| !r.samples.is_empty());
     let run = number.checked_sub(1).and_then(|n| runs.nth(n));
     run.map(csv::to_csv)
@@ -168,9 +171,9 @@ pub(super) fn run_text(folder: &Path, file: &str) -> Result<String, LoadError> {
 }
 
 /// A manifest for recordings that have none: every run with samples, by the gait it names.
-fn made_up(folder: &Path, files: &[PathBuf], shown: &Path) -> Result<String, LoadError> {
+fn made_up(folder: &DataFolder, files: &[PathBuf], shown: &Path) -> Result<String, LoadError> {
     let mut text = String::from("format = 1\nrobot = \"metamodule\"\nname = \"recordings\"\n");
-    if folder.join("model.toml").exists() {
+    if folder.has("model.toml") {
         text.push_str("\n[metamodule]\nmodel = \"model.toml\"\n");
     }
     let quoted = |s: &str| toml::Value::String(s.to_owned()).to_string();

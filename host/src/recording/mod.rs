@@ -21,7 +21,7 @@ pub mod set;
 pub mod timing;
 mod writer;
 
-pub use load::{LoadError, Loaded, load};
+pub use load::{LoadError, Loaded, load, run_text};
 pub use reader::{Attachment, ChannelCount, ReadError, Recording, RunData, parse, read};
 pub use rows::{EventRow, Feedback, JointRow, RunEndRow, RunStart, SampleRow};
 pub use scan::{Damage, DamageKind};

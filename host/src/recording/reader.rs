@@ -1,13 +1,14 @@
 //! Reads a recording back, whole or damaged.
 
 use std::collections::BTreeMap;
+use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
 use mcap::records::Record;
 
 use super::rows::{EventRow, RunEndRow, RunStart, SampleRow};
-use super::scan::{Damage, DamageKind, Sink, scan};
+use super::scan::{Damage, DamageKind, MAX_DAMAGE, Sink, scan};
 use super::schema::{EVENTS, MOTORS};
 use super::{RUN_METADATA, decode};
 use crate::disk;
@@ -132,11 +133,19 @@ pub enum ReadError {
 /// # Errors
 /// [`ReadError`]
 pub fn read(path: &Path) -> Result<Recording, ReadError> {
+    read_opened(path, disk::open_regular(path))
+}
+
+/// Reads a recording that was opened; `path` is for messages.
+///
+/// # Errors
+/// [`ReadError`]
+pub(super) fn read_opened(path: &Path, opened: io::Result<File>) -> Result<Recording, ReadError> {
     let io = |source| ReadError::Io {
         path: path.to_owned(),
         source,
     };
-    let file = match disk::read_regular(path, disk::MAX_DATA) {
+    let file = match opened.and_then(|file| disk::read_opened(file, disk::MAX_DATA)) {
         Err(error) if error.kind() == io::ErrorKind::FileTooLarge => {
             return Err(ReadError::TooLarge {
                 path: path.to_owned(),
@@ -214,7 +223,9 @@ impl Sink for Collector {
     }
 
     fn damage(&mut self, damage: Damage) {
-        self.recording.damage.push(damage);
+        if self.recording.damage.len() < MAX_DAMAGE {
+            self.recording.damage.push(damage);
+        }
     }
 }
 

@@ -1,13 +1,23 @@
 //! The records of an MCAP file, damaged or not: every record before a damaged place is given out, and the place is named.
 
+use std::io::Read as _;
+
 use mcap::records::{ChunkHeader, Record, op};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
 /// First and last bytes of an MCAP file.
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 /// Opcode and length in front of a record.
 const RECORD_HEAD: usize = 9;
-/// Largest chunk accepted, uncompressed: bounds the memory a hostile file can ask for.
-const MAX_CHUNK: u64 = 256 * 1024 * 1024;
+/// What all compressed chunks of a file may unpack to: this, and [`UNPACKED_PER_BYTE`] for every byte of the file. It bounds the memory
+/// that a file of a few kilobytes can ask for; our telemetry shrinks to a tenth at best.
+const UNPACKED: usize = 64 << 20;
+/// See [`UNPACKED`].
+const UNPACKED_PER_BYTE: usize = 32;
+/// Memory of a record beside its content, bytes.
+const RECORD_COST: usize = 256;
+/// Most damaged places that are reported; the rest of the file is read all the same.
+pub(super) const MAX_DAMAGE: usize = 1000;
 
 /// A damaged place.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -39,8 +49,10 @@ pub enum DamageKind {
     /// A chunk in a compression that this reader does not have.
     #[error("a chunk is compressed in another way than lz4 or zstd; its records are not used")]
     Compression,
-    /// A chunk that is larger than this reader accepts.
-    #[error("a chunk is larger than 256 MiB; it is not read")]
+    /// A chunk that unpacks to more than this reader accepts.
+    #[error(
+        "a chunk unpacks to more than 64 MiB and 32 times the size of the file; it is not read"
+    )]
     ChunkSize,
     /// A message that its schema does not describe.
     #[error("a message does not fit its schema")]
@@ -64,8 +76,25 @@ pub(super) trait Sink {
     fn damage(&mut self, damage: Damage);
 }
 
+/// What goes with the reader through the file.
+struct Walk<'a, S: Sink> {
+    sink: &'a mut S,
+    /// Bytes that compressed chunks may still unpack to.
+    budget: usize,
+}
+
 /// Walks over the whole file. Never fails: what cannot be read is told as damage.
 pub(super) fn scan(file: &[u8], sink: &mut impl Sink) {
+    let unpacked = file.len().saturating_mul(UNPACKED_PER_BYTE);
+    let mut walk = Walk {
+        sink,
+        budget: unpacked.saturating_add(UNPACKED),
+    };
+    walk_over(file, &mut walk);
+}
+
+fn walk_over(file: &[u8], walk: &mut Walk<'_, impl Sink>) {
+    let sink = &mut *walk.sink;
     if !file.starts_with(MAGIC) {
         let kind = if MAGIC.starts_with(file) {
             DamageKind::Cut
@@ -77,6 +106,7 @@ pub(super) fn scan(file: &[u8], sink: &mut impl Sink) {
     }
     let mut at = MAGIC.len();
     loop {
+        let sink = &mut *walk.sink;
         let rest = file.get(at..).unwrap_or(&[]);
         let offset = at as u64;
         if rest.is_empty() {
@@ -91,7 +121,8 @@ pub(super) fn scan(file: &[u8], sink: &mut impl Sink) {
             return;
         };
         at += size;
-        whole_record(offset, opcode, body, sink);
+        whole_record(offset, opcode, body, walk);
+        let sink = &mut *walk.sink;
         if opcode == op::FOOTER {
             if file.get(at..) != Some(MAGIC) {
                 sink.damage(Damage {
@@ -113,9 +144,10 @@ fn split(bytes: &[u8]) -> Option<(u8, &[u8], usize)> {
     Some((opcode, body, RECORD_HEAD + length))
 }
 
-fn whole_record(offset: u64, opcode: u8, body: &[u8], sink: &mut impl Sink) {
+fn whole_record(offset: u64, opcode: u8, body: &[u8], walk: &mut Walk<'_, impl Sink>) {
+    let sink = &mut *walk.sink;
     match mcap::parse_record(opcode, body) {
-        Ok(Record::Chunk { header, data }) => chunk(offset, header, &data, sink),
+        Ok(Record::Chunk { header, data }) => chunk(offset, &header, body, &data, walk),
         Ok(Record::Attachment { header, data, crc }) => {
             let covered = body.len().saturating_sub(4);
             if crc != 0 && crc32(body.get(..covered).unwrap_or(&[])) != crc {
@@ -141,43 +173,103 @@ fn crc32(bytes: &[u8]) -> u32 {
 }
 
 /// A whole chunk: its records are used if its checksum is right.
-fn chunk(offset: u64, header: ChunkHeader, data: &[u8], sink: &mut impl Sink) {
-    if header.uncompressed_size > MAX_CHUNK {
-        sink.damage(Damage {
-            offset,
-            kind: DamageKind::ChunkSize,
-        });
-        return;
+fn chunk(
+    offset: u64,
+    header: &ChunkHeader,
+    body: &[u8],
+    data: &[u8],
+    walk: &mut Walk<'_, impl Sink>,
+) {
+    if header.compression.is_empty() {
+        return plain_chunk(offset, header, data, walk);
     }
-    let damaged = Damage {
-        offset,
-        kind: DamageKind::ChunkChecksum,
-    };
-    let records = match mcap::read::ChunkReader::new(header, data) {
-        Ok(records) => records,
-        Err(mcap::McapError::UnsupportedCompression(_)) => {
-            let kind = DamageKind::Compression;
-            sink.damage(Damage { offset, kind });
-            return;
+    match unpack(body, &mut walk.budget) {
+        Ok(records) => {
+            for record in records {
+                walk.sink.record(offset, record);
+            }
         }
-        Err(_) => {
-            sink.damage(damaged);
-            return;
+        Err(kind) => walk.sink.damage(Damage { offset, kind }),
+    }
+}
+
+/// An uncompressed chunk is checked first and read in place.
+fn plain_chunk(offset: u64, header: &ChunkHeader, data: &[u8], walk: &mut Walk<'_, impl Sink>) {
+    let size = usize::try_from(header.compressed_size).ok();
+    let checked = size.and_then(|size| data.get(..size)).filter(|data| {
+        let right = header.uncompressed_crc == 0 || crc32(data) == header.uncompressed_crc;
+        right && Records(data).all(|record| record.is_some())
+    });
+    match checked {
+        Some(data) => {
+            for record in Records(data).flatten() {
+                walk.sink.record(offset, record);
+            }
         }
-    };
-    // The checksum is known at the end only, so records wait until then.
+        None => walk.sink.damage(Damage {
+            offset,
+            kind: DamageKind::ChunkChecksum,
+        }),
+    }
+}
+
+/// The records in a piece of a file; `None` for one that cannot be read, and then no more.
+struct Records<'a>(&'a [u8]);
+
+impl<'a> Iterator for Records<'a> {
+    type Item = Option<Record<'a>>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.0.is_empty() {
+            return None;
+        }
+        let rest = std::mem::take(&mut self.0);
+        Some(split(rest).and_then(|(opcode, body, size)| {
+            let record = mcap::parse_record(opcode, body).ok()?;
+            self.0 = rest.get(size..)?;
+            Some(record)
+        }))
+    }
+}
+
+/// The records of a compressed chunk. Its checksum is known at the end only, so they wait until then.
+fn unpack(body: &[u8], budget: &mut usize) -> Result<Vec<Record<'static>>, DamageKind> {
+    let options = LinearReaderOptions::default()
+        .with_skip_start_magic(true)
+        .with_skip_end_magic(true)
+        .with_validate_chunk_crcs(true)
+        .with_record_length_limit(*budget);
+    let mut reader = LinearReader::new_with_options(options);
+    let mut head = vec![op::CHUNK];
+    head.extend((body.len() as u64).to_le_bytes());
+    let mut input = head.chain(body);
     let mut waiting = Vec::new();
-    for record in records {
-        match record {
-            Ok(record) => waiting.push(record.into_owned()),
-            Err(_) => {
-                sink.damage(damaged);
-                return;
+    while let Some(event) = reader.next_event() {
+        match event.map_err(|error| damage_of(&error))? {
+            LinearReadEvent::ReadRequest(need) => {
+                let into = reader.insert(need);
+                let read = input.read(into).map_err(|_| DamageKind::Record)?;
+                reader.notify_read(read);
+            }
+            LinearReadEvent::Record { data, opcode } => {
+                let cost = data.len() + RECORD_COST;
+                *budget = budget.checked_sub(cost).ok_or(DamageKind::ChunkSize)?;
+                let record =
+                    mcap::parse_record(opcode, data).map_err(|_| DamageKind::ChunkChecksum)?;
+                waiting.push(record.into_owned());
             }
         }
     }
-    for record in waiting {
-        sink.record(offset, record);
+    Ok(waiting)
+}
+
+fn damage_of(error: &mcap::McapError) -> DamageKind {
+    match error {
+        mcap::McapError::UnsupportedCompression(_) => DamageKind::Compression,
+        mcap::McapError::RecordTooLarge { .. } | mcap::McapError::ChunkTooLarge(_) => {
+            DamageKind::ChunkSize
+        }
+        _ => DamageKind::ChunkChecksum,
     }
 }
 

@@ -10,8 +10,10 @@ use files::model::Key;
 use optimise::meta::{FilmSettings, FilmedGait};
 use optimise::simulated::base_pose;
 
+use crate::data_folder::DataFolder;
 use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
+use crate::recording;
 use crate::searching::frames::Frames;
 
 /// Frames per second of the paper's Kinect.
@@ -84,7 +86,7 @@ pub fn settings_of(camera: Option<&Camera>, stride: usize) -> FilmSettings {
 /// # Errors
 /// Exit code 3 for files that are missing or wrong, and for films that show no robot.
 pub fn load(
-    folder: &Path,
+    folder: &DataFolder,
     manifest: &Manifest,
     training: &[String],
     height_m: f64,
@@ -106,7 +108,7 @@ pub fn load(
 }
 
 fn load_gait(
-    folder: &Path,
+    folder: &DataFolder,
     manifest: &Manifest,
     name: &str,
     training: &[String],
@@ -117,7 +119,7 @@ fn load_gait(
     let mut films = Vec::new();
     for run in filmed_runs {
         if let Some(frames) = &run.frames {
-            let film = Frames::read(&folder.join(frames))?.at_rate(settings.rate_hz);
+            let film = Frames::read_in(folder, frames)?.at_rate(settings.rate_hz)?;
             films.push(film);
             runs.push(run);
         }
@@ -141,43 +143,49 @@ fn load_gait(
     Ok(filmed)
 }
 
-/// The manifest of a data set folder.
+/// A data set folder and its manifest.
 ///
 /// # Errors
 /// Exit code 3 with file and line.
-pub fn read_manifest(folder: &Path) -> Outcome<Manifest> {
-    let path = folder.join("dataset.toml");
-    let shown = path.display().to_string();
-    let text = disk::read_regular_text(&path, disk::MAX_TEXT)
-        .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
+pub fn read_manifest(path: &Path) -> Outcome<(DataFolder, Manifest)> {
+    let shown = path.join(MANIFEST).display().to_string();
+    let bad = |e: std::io::Error| Failure::say(Exit::BadFile, format!("{shown}: {e}"));
+    let folder = DataFolder::open(path).map_err(bad)?;
+    let text = folder.text(MANIFEST, disk::MAX_TEXT).map_err(bad)?;
     let (manifest, _) =
         Manifest::parse(&shown, &text).map_err(|error| Failure::new(Exit::BadFile, error))?;
-    Ok(manifest)
+    Ok((folder, manifest))
 }
+
+/// The list of runs of a data set.
+const MANIFEST: &str = "dataset.toml";
 
 /// A gait of a data set folder.
 ///
 /// # Errors
 /// Exit code 3 with file and line.
-pub fn read_gait(folder: &Path, name: &str) -> Outcome<Gait> {
+pub fn read_gait(folder: &DataFolder, name: &str) -> Outcome<Gait> {
     let file = format!("gaits/{name}.toml");
     if !files::dataset::is_inside(&file) {
         let message =
             format!("gait `{name}` of dataset.toml: the name leads out of the data set folder");
         return Err(Failure::say(Exit::BadFile, message));
     }
-    crate::gait_file::load(&folder.join(file))
+    let path = folder.shown(&file);
+    let text = folder
+        .text(&file, disk::MAX_TEXT)
+        .map_err(|e| disk::bad_file(&path, &e))?;
+    crate::gait_file::parse(&path.display().to_string(), &text)
 }
 
 /// Body 3 at the start of the gait, by the first row of the run that has a base pose; `None` when it was not measured.
 ///
 /// # Errors
 /// Exit code 3 with file and line.
-pub fn start(folder: &Path, manifest: &Manifest, run: &Run) -> Outcome<Option<Pose>> {
-    let path = folder.join(&run.file);
-    let shown = path.display().to_string();
-    let text = disk::read_regular_text(&path, disk::MAX_DATA)
-        .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
+pub fn start(folder: &DataFolder, manifest: &Manifest, run: &Run) -> Outcome<Option<Pose>> {
+    let shown = folder.shown(&run.file).display().to_string();
+    let text =
+        recording::run_text(folder, &run.file).map_err(|e| Failure::new(Exit::BadFile, e))?;
     let (recording, _) =
         Recording::parse(&shown, &text, manifest).map_err(|e| Failure::new(Exit::BadFile, e))?;
     let body = recording.body();

@@ -1,11 +1,13 @@
 //! Folders of frames: PNG silhouettes with an `index.csv` (`t_s,file`), as a run of a data set names them by `frames = "folder"`.
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use camera::{Silhouette, picture};
 use rayon::prelude::*;
 
+use crate::data_folder::DataFolder;
 use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 
@@ -13,6 +15,11 @@ use crate::failure::{Exit, Failure, Outcome};
 pub const INDEX: &str = "index.csv";
 /// Its first line.
 pub const HEADER: &str = "t_s,file";
+/// Most frames of a film at the rate of its camera: over an hour at 30 a second.
+pub const MAX_FRAMES: usize = 1 << 17;
+/// Most memory for the robot's pixels in all frames of a film, bytes: an hour of a robot of 200 x 200 pixels is 0.6 of it.
+const MAX_FILM: u64 = 256 << 20;
+const TOO_LARGE: &str = "the robot in the frames of this film takes more than 256 MiB";
 
 /// Silhouettes with their times, in rising order.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -24,15 +31,30 @@ pub struct Frames {
 }
 
 impl Frames {
-    /// Reads a folder.
+    /// Reads a folder that a person named.
     ///
     /// # Errors
     /// Exit code 3 with file and line.
     pub fn read(folder: &Path) -> Outcome<Self> {
-        let listed = index(folder)?;
+        let opened = DataFolder::open(folder).map_err(|e| no_film(&folder.join(INDEX), &e))?;
+        Self::read_in(&opened, "")
+    }
+
+    /// Reads a folder that a data set names.
+    ///
+    /// # Errors
+    /// Exit code 3 with file and line.
+    pub fn read_in(set: &DataFolder, name: &str) -> Outcome<Self> {
+        let listed = index_in(set, name)?;
+        let folder = set.shown(name);
+        let held = Held::default();
         let frames = listed
             .par_iter()
-            .map(|(line, _, file)| read_png(folder, *line, file))
+            .map(|(line, _, file)| {
+                let frame = read_png(set, name, *line, file)?;
+                let whole = |why| bad_line(&folder.join(INDEX), *line, why);
+                held.take(frame).map_err(whole)
+            })
             .collect::<Outcome<Vec<Silhouette>>>()?;
         let size = |frame: &Silhouette| (frame.width(), frame.height());
         if let Some(k) = frames.iter().position(|f| size(f) != size(&frames[0])) {
@@ -71,23 +93,64 @@ impl Frames {
 
     /// The frame nearest in time to each instant 0, 1/rate, 2/rate, ... up to the last frame: lost frames are bridged, uneven ones
     /// put in their place.
-    #[must_use]
-    pub fn at_rate(self, rate_hz: f64) -> Vec<Silhouette> {
-        let nearest = nearest(&self.t_s, rate_hz);
+    ///
+    /// # Errors
+    /// Exit code 3 when the film would be too long at this rate.
+    pub fn at_rate(self, rate_hz: f64) -> Outcome<Vec<Silhouette>> {
+        let nearest = nearest(&self.t_s, instants(&self.t_s, rate_hz)?, rate_hz);
         if nearest.iter().copied().eq(0..self.frames.len()) {
-            return self.frames;
+            return Ok(self.frames);
+        }
+        let bytes = nearest
+            .iter()
+            .map(|&k| self.frames[k].stored_bytes() as u64);
+        if bytes.sum::<u64>() > MAX_FILM {
+            return Err(Failure::say(Exit::BadFile, TOO_LARGE));
         }
         let frames = nearest.into_iter().map(|k| self.frames[k].clone());
-        frames.collect()
+        Ok(frames.collect())
     }
 }
 
-/// Index of the nearest of the rising times to each instant of a rate.
-fn nearest(t_s: &[f64], rate_hz: f64) -> Vec<usize> {
-    let Some(last) = t_s.last() else {
-        return Vec::new();
+/// The memory that the frames of a film take while they are read.
+#[derive(Debug, Default)]
+pub struct Held(AtomicU64);
+
+impl Held {
+    /// Counts a frame in.
+    ///
+    /// # Errors
+    /// What is wrong when the film is too large.
+    pub fn take(&self, frame: Silhouette) -> Result<Silhouette, &'static str> {
+        let bytes = frame.stored_bytes() as u64;
+        if self.0.fetch_add(bytes, Ordering::Relaxed) + bytes > MAX_FILM {
+            return Err(TOO_LARGE);
+        }
+        Ok(frame)
+    }
+}
+
+/// Number of the instants 0, 1/rate, 2/rate, ... up to the last frame.
+///
+/// # Errors
+/// Exit code 3 when there are too many.
+pub fn instants(t_s: &[f64], rate_hz: f64) -> Outcome<usize> {
+    let Some(last_s) = t_s.last() else {
+        return Ok(0);
     };
-    let count = (last * rate_hz + 0.5).max(0.0) as usize + 1;
+    let count = (last_s * rate_hz + 0.5).max(0.0);
+    if count < MAX_FRAMES as f64 {
+        return Ok(count as usize + 1);
+    }
+    let message = format!(
+        "the film has frames until {last_s} s: at {rate_hz} frames a second these are more than {MAX_FRAMES}"
+    );
+    Err(Failure::say(Exit::BadFile, message)
+        .hint("look at the times of index.csv and at camera.rate_hz"))
+}
+
+/// Index of the nearest of the rising times to each of the first instants of a rate.
+fn nearest(t_s: &[f64], instants: usize, rate_hz: f64) -> Vec<usize> {
     let mut k = 0;
     let at = |instant: usize| {
         let t = instant as f64 / rate_hz;
@@ -96,19 +159,18 @@ fn nearest(t_s: &[f64], rate_hz: f64) -> Vec<usize> {
         }
         k
     };
-    (0..count).map(at).collect()
+    (0..instants).map(at).collect()
 }
 
 /// Lines of a folder's index as (line number, time, file name).
 ///
 /// # Errors
 /// Exit code 3 with file and line.
-pub fn index(folder: &Path) -> Outcome<Vec<(usize, f64, String)>> {
-    let path = folder.join(INDEX);
-    let text = disk::read_regular_text(&path, disk::MAX_TEXT)
-        .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())).hint(
-            "a film is a folder of PNG silhouettes with an index.csv; `rb-host camera import` and `silhouette` make one",
-        ))?;
+pub fn index_in(set: &DataFolder, name: &str) -> Outcome<Vec<(usize, f64, String)>> {
+    let path = set.shown(name).join(INDEX);
+    let text = set
+        .text(&within(name, INDEX), disk::MAX_TEXT)
+        .map_err(|e| no_film(&path, &e))?;
     let mut lines = text
         .lines()
         .enumerate()
@@ -136,15 +198,35 @@ pub fn index(folder: &Path) -> Outcome<Vec<(usize, f64, String)>> {
     if listed.is_empty() {
         return Err(bad_line(&path, 1, "no frame is listed"));
     }
+    if listed.len() > MAX_FRAMES {
+        return Err(bad_line(&path, MAX_FRAMES, "too many frames are listed"));
+    }
     Ok(listed)
 }
 
-fn read_png(folder: &Path, line: usize, file: &str) -> Outcome<Silhouette> {
-    let path: PathBuf = folder.join(file);
-    let bytes = disk::read_regular(&path, disk::MAX_TEXT)
+/// Name of a picture of a film as its data set would write it.
+#[must_use]
+pub fn within(film: &str, file: &str) -> String {
+    match film {
+        "" => file.to_owned(),
+        film => format!("{film}/{file}"),
+    }
+}
+
+fn read_png(set: &DataFolder, film: &str, line: usize, file: &str) -> Outcome<Silhouette> {
+    let folder = set.shown(film);
+    let bytes = set
+        .bytes(&within(film, file), disk::MAX_TEXT)
         .map_err(|e| bad_line(&folder.join(INDEX), line, &format!("{file}: {e}")))?;
+    let path = folder.join(file);
     picture::read_silhouette_png(&bytes)
         .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())))
+}
+
+fn no_film(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::say(Exit::BadFile, format!("{}: {error}", path.display())).hint(
+        "a film is a folder of PNG silhouettes with an index.csv; `rb-host camera import` and `silhouette` make one",
+    )
 }
 
 fn bad_line(path: &Path, line: usize, why: &str) -> Failure {
@@ -153,12 +235,14 @@ fn bad_line(path: &Path, line: usize, why: &str) -> Failure {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 mod tests {
-    use super::nearest;
+    use super::{instants, nearest};
 
     #[test]
     fn instants_take_the_nearest_frame() {
         let even: Vec<f64> = (0..5).map(|k| f64::from(k) / 30.0).collect();
+        let nearest = |t_s: &[f64], rate_hz| nearest(t_s, instants(t_s, rate_hz).unwrap(), rate_hz);
         assert_eq!(nearest(&even, 30.0), [0, 1, 2, 3, 4]);
         assert_eq!(nearest(&even, 15.0), [0, 2, 4]);
         // The third frame was lost, the last is a little late.
@@ -166,5 +250,6 @@ mod tests {
         // The film begins 70 ms after the gait.
         assert_eq!(nearest(&[0.07, 0.1], 30.0), [0, 0, 0, 1]);
         assert!(nearest(&[], 30.0).is_empty());
+        assert!(instants(&[1e300], 30.0).is_err() && instants(&[1.0], 1e300).is_err());
     }
 }

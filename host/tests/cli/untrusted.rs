@@ -117,6 +117,59 @@ fn a_data_set_reads_regular_files_of_its_own_folder_only() {
     assert!(!child.wait().unwrap().success());
 }
 
+#[cfg(unix)]
+#[test]
+fn no_file_of_a_data_set_is_a_link_that_leads_out_of_it() {
+    use std::os::unix::fs::symlink;
+
+    let folder = Folder::new("links");
+    std::fs::create_dir_all(folder.path("set/film")).unwrap();
+    std::fs::create_dir_all(folder.path("set/gaits")).unwrap();
+    std::fs::create_dir(folder.path("outside")).unwrap();
+    let csv = "t_s,setpoint_rad_0,position_rad_0\n0,0,0\n0.1,0,0\n";
+    folder.write("outside/a.csv", csv);
+    folder.write("outside/model.toml", rb(&folder, &["model", "show"]).out);
+    folder.write("outside/index.csv", "t_s,file\n0,0.png\n");
+    folder.write("set/in.csv", csv);
+    folder.write("set/film/index.csv", "t_s,file\n0,0.png\n");
+    for (link, target) in [
+        ("set/a.csv", "../outside/a.csv"),
+        ("set/b.csv", "folder/a.csv"),
+        ("set/folder", "../outside"),
+        ("set/model.toml", "../outside/model.toml"),
+        ("set/film/0.png", "../../outside/a.csv"),
+        ("set/gaits/g.toml", "../../outside/a.csv"),
+        ("set/c.csv", "/etc/hostname"),
+        ("set/inside.csv", "in.csv"),
+    ] {
+        symlink(target, folder.path(link)).unwrap();
+    }
+    let out = "the name leads out of the folder of the data set";
+    for (run, more) in [
+        ("a.csv", ""),
+        ("b.csv", ""),
+        ("folder/a.csv", ""),
+        ("c.csv", ""),
+        ("in.csv", "frames = \"folder\"\n"),
+        ("in.csv", "frames = \"film\"\n"),
+        ("in.csv", "[metamodule]\nmodel = \"model.toml\"\n"),
+        ("in.csv", "[metamodule]\nmodel = \"folder/model.toml\"\n"),
+    ] {
+        let manifest =
+            format!("format = 1\nrobot = \"metamodule\"\n[[run]]\nfile = \"{run}\"\n{more}");
+        folder.write("set/dataset.toml", &manifest);
+        let done = rb(&folder, &["gap", "report", "set", "--time-limit", "0s"]).expect(3);
+        assert!(done.err.contains(out), "{manifest}: {}", done.err);
+        rb(&folder, &["rec", "check", "set"]).expect(8);
+    }
+    // A gait of the set, and a link that stays inside.
+    let manifest =
+        "format = 1\nrobot = \"metamodule\"\n[[run]]\nfile = \"inside.csv\"\ngait = \"g\"\n";
+    folder.write("set/dataset.toml", manifest);
+    let checked = rb(&folder, &["rec", "check", "set"]).expect(0);
+    assert!(checked.out.contains("2 rows"), "{}", checked.out);
+}
+
 /// An MCAP as another program writes it.
 fn foreign(path: &Path, compression: Option<mcap::Compression>) {
     let options = mcap::WriteOptions::new().compression(compression);

@@ -93,9 +93,9 @@ fn two_films(args: &CompareArgs, films: &Films, context: &Context) -> Outcome {
 
 fn data_set(args: &CompareArgs, context: &Context) -> Outcome {
     let model = crate::model_file::load(args.model.as_deref())?;
-    let manifest = films::read_manifest(&args.robot)?;
+    let (data, manifest) = films::read_manifest(&args.robot)?;
     // R of all gaits is wanted, whatever a fit may see.
-    let mut gaits = films::load(&args.robot, &manifest, &[], model.value(Key::CameraHeight))?;
+    let mut gaits = films::load(&data, &manifest, &[], model.value(Key::CameraHeight))?;
     if gaits.is_empty() {
         let message = format!("{}: no run has a film", args.robot.display());
         return Err(Failure::say(Exit::BadFile, message)

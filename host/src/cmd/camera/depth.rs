@@ -1,6 +1,7 @@
 //! `rb-host camera import`, `background` and `silhouette`: from what a camera recorded to silhouettes.
 
 use std::fmt::Write as _;
+use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use camera::depth::{self, DepthFrame, Samples};
@@ -9,11 +10,12 @@ use rayon::prelude::*;
 use serde_json::json;
 
 use crate::context::Context;
+use crate::data_folder::DataFolder;
 use crate::disk;
 use crate::disk::write_new;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::searching::films;
-use crate::searching::frames::{Frames, HEADER, INDEX, index};
+use crate::searching::frames::{Frames, HEADER, Held, INDEX, index_in};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct ImportArgs {
@@ -63,7 +65,8 @@ const STEP_RAW: u16 = 3;
 
 /// A picture of the source and its time.
 struct Source {
-    path: PathBuf,
+    /// Name in the folder.
+    name: String,
     t_s: f64,
     samples: Samples,
 }
@@ -79,18 +82,20 @@ pub(super) fn import(args: &ImportArgs, context: &Context) -> Outcome {
         let message = format!("--rate {}: it must be above 0", args.rate);
         return Err(Failure::say(Exit::Usage, message));
     }
-    let sources = sources(&args.source, args.rate)?;
+    let folder = DataFolder::open(&args.source).map_err(|e| disk::bad_file(&args.source, &e))?;
+    let sources = sources(&folder, &args.source, args.rate)?;
     disk::make_empty(&args.output)?;
     let names = sources
         .par_iter()
         .enumerate()
-        .map(|(k, source)| convert(k, source, &args.output))
+        .map(|(k, source)| convert(k, &folder, source, &args.output))
         .collect::<Outcome<Vec<(String, [usize; 2])>>>()?;
     let (first, size) = &names[0];
     let extension = |name: &str| Path::new(name).extension().map(ToOwned::to_owned);
     for ((name, found), source) in names.iter().zip(&sources) {
         if found != size || extension(name) != extension(first) {
-            let shown = source.path.display();
+            let shown = folder.shown(&source.name);
+            let shown = shown.display();
             let message = format!("{shown} is not of the size and kind of the first picture");
             return Err(Failure::say(Exit::BadFile, message)
                 .hint("a film has pictures of one size, all depth or all silhouettes"));
@@ -122,34 +127,38 @@ pub(super) fn import(args: &ImportArgs, context: &Context) -> Outcome {
     Ok(())
 }
 
+/// The list of pictures that fakenect-record writes.
+const DUMP: &str = "INDEX.txt";
+
 /// The pictures of a folder in the order of time, the first at 0 s.
-fn sources(folder: &Path, rate_hz: f64) -> Outcome<Vec<Source>> {
-    let shown = folder.display();
-    let dump = folder.join("INDEX.txt");
-    let mut sources: Vec<Source> = if dump.exists() {
-        let text = disk::text(&dump)?;
+fn sources(folder: &DataFolder, path: &Path, rate_hz: f64) -> Outcome<Vec<Source>> {
+    let shown = path.display();
+    let mut sources: Vec<Source> = if folder.has(DUMP) {
+        let text = folder
+            .text(DUMP, disk::MAX_TEXT)
+            .map_err(|e| disk::bad_file(&path.join(DUMP), &e))?;
         let entries = depth::read_fakenect_index(&text).into_iter();
         let source = |entry: depth::IndexEntry| Source {
-            path: folder.join(entry.file),
+            name: entry.file,
             t_s: entry.t_s,
             samples: Samples::LittleEndian,
         };
         entries.map(source).collect()
     } else {
-        let entries = std::fs::read_dir(folder)
+        let entries = std::fs::read_dir(path)
             .map_err(|e| Failure::say(Exit::BadFile, format!("{shown}: {e}")))?;
-        let mut paths = entries
-            .map(|entry| entry.map(|entry| entry.path()))
-            .collect::<Result<Vec<PathBuf>, _>>()
-            .map_err(|e| disk::bad_file(folder, &e))?;
-        paths.retain(|path| path.extension().is_some_and(|e| e == "pgm" || e == "png"));
-        paths.sort();
-        let source = |(k, path)| Source {
-            path,
+        let mut names = entries
+            .map(|entry| entry.map(|entry| entry.file_name().to_string_lossy().into_owned()))
+            .collect::<Result<Vec<String>, _>>()
+            .map_err(|e| disk::bad_file(path, &e))?;
+        names.retain(|name| name.ends_with(".pgm") || name.ends_with(".png"));
+        names.sort();
+        let source = |(k, name)| Source {
+            name,
             t_s: k as f64 / rate_hz,
             samples: Samples::BigEndian,
         };
-        paths.into_iter().enumerate().map(source).collect()
+        names.into_iter().enumerate().map(source).collect()
     };
     let Some(first_s) = sources.first().map(|first| first.t_s) else {
         return Err(Failure::say(Exit::BadFile, format!("{shown} holds no depth frame")).hint(
@@ -163,8 +172,13 @@ fn sources(folder: &Path, rate_hz: f64) -> Outcome<Vec<Source>> {
 }
 
 /// Writes one picture in our form; its name and size.
-fn convert(k: usize, source: &Source, output: &Path) -> Outcome<(String, [usize; 2])> {
-    let picture = read_picture(source)?;
+fn convert(
+    k: usize,
+    folder: &DataFolder,
+    source: &Source,
+    output: &Path,
+) -> Outcome<(String, [usize; 2])> {
+    let picture = read_picture(folder, source)?;
     let (name, size, bytes) = match picture {
         Picture::Depth(frame) => (
             format!("{k:05}.pgm"),
@@ -181,12 +195,14 @@ fn convert(k: usize, source: &Source, output: &Path) -> Outcome<(String, [usize;
     Ok((name, size))
 }
 
-fn read_picture(source: &Source) -> Outcome<Picture> {
-    let path = &source.path;
+fn read_picture(folder: &DataFolder, source: &Source) -> Outcome<Picture> {
+    let path = folder.shown(&source.name);
     let bad =
         |e: &dyn std::fmt::Display| Failure::say(Exit::BadFile, format!("{}: {e}", path.display()));
-    let bytes = disk::read_regular(path, disk::MAX_DATA).map_err(|e| bad(&e))?;
-    if path.extension().is_some_and(|e| e == "pgm") {
+    let bytes = folder
+        .bytes(&source.name, disk::MAX_PICTURE)
+        .map_err(|e| bad(&e))?;
+    if source.name.ends_with(".pgm") {
         let frame = depth::read_pgm(&bytes, source.samples).map_err(|e| bad(&e))?;
         return Ok(Picture::Depth(frame));
     }
@@ -201,8 +217,8 @@ fn read_picture(source: &Source) -> Outcome<Picture> {
 
 /// Writes the median of a recording.
 pub(super) fn background(args: &BackgroundArgs, context: &Context) -> Outcome {
-    let listed = index(&args.depth)?;
-    let ground = median(&args.depth, &listed)?;
+    let (folder, listed) = recorded(&args.depth)?;
+    let ground = median(&folder, &args.depth, &listed)?;
     write_new(&args.output, &depth::write_pgm(&ground), args.force)?;
     let unknown = ground.raw.iter().filter(|&&r| r == depth::NO_READING);
     let share = unknown.count() as f64 / ground.raw.len().max(1) as f64;
@@ -220,40 +236,57 @@ pub(super) fn background(args: &BackgroundArgs, context: &Context) -> Outcome {
 }
 
 /// The median over frames spread evenly through a recording.
-fn median(folder: &Path, listed: &[(usize, f64, String)]) -> Outcome<DepthFrame> {
+fn median(
+    folder: &DataFolder,
+    path: &Path,
+    listed: &[(usize, f64, String)],
+) -> Outcome<DepthFrame> {
     let every = listed.len().div_ceil(BACKGROUND_FRAMES).max(1);
     let frames = listed
         .iter()
         .step_by(every)
-        .map(|(_, _, file)| read_depth(&folder.join(file)))
+        .map(|(_, _, file)| read_depth(&folder.shown(file), folder.file(file)))
         .collect::<Outcome<Vec<_>>>()?;
     depth::background(&frames)
-        .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", folder.display())))
+        .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())))
 }
 
-fn read_depth(path: &Path) -> Outcome<DepthFrame> {
+/// A folder of depth frames and its index.
+fn recorded(path: &Path) -> Outcome<(DataFolder, Vec<(usize, f64, String)>)> {
+    let folder = DataFolder::open(path).map_err(|e| disk::bad_file(path, &e))?;
+    let listed = index_in(&folder, "")?;
+    Ok((folder, listed))
+}
+
+fn read_depth(path: &Path, opened: std::io::Result<File>) -> Outcome<DepthFrame> {
     let bad = |e: &dyn std::fmt::Display| {
         Failure::say(Exit::BadFile, format!("{}: {e}", path.display()))
             .hint("depth frames are 16-bit PGM; `rb-host camera import` makes them")
     };
-    let bytes = disk::read_regular(path, disk::MAX_DATA).map_err(|e| bad(&e))?;
+    let bytes = opened
+        .and_then(|file| disk::read_opened(file, disk::MAX_PICTURE))
+        .map_err(|e| bad(&e))?;
     depth::read_pgm(&bytes, Samples::BigEndian).map_err(|e| bad(&e))
 }
 
 /// Cuts the robot out of every frame.
 pub(super) fn silhouette(args: &SilhouetteArgs, context: &Context) -> Outcome {
-    let listed = index(&args.depth)?;
+    let (folder, listed) = recorded(&args.depth)?;
     let ground = match &args.background {
-        Some(path) => read_depth(path)?,
-        None => median(&args.depth, &listed)?,
+        Some(path) => read_depth(path, disk::open_regular(path))?,
+        None => median(&folder, &args.depth, &listed)?,
     };
+    let held = Held::default();
     let frames = listed
         .par_iter()
         .map(|(_, _, file)| {
-            let path = args.depth.join(file);
-            let cut = depth::silhouette(&read_depth(&path)?, &ground, args.step);
-            cut.map(|frame| frame.cropped())
-                .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())))
+            let path = folder.shown(file);
+            let bad = |why: &dyn std::fmt::Display| {
+                Failure::say(Exit::BadFile, format!("{}: {why}", path.display()))
+            };
+            let frame = read_depth(&path, folder.file(file))?;
+            let cut = depth::silhouette(&frame, &ground, args.step).map_err(|e| bad(&e))?;
+            held.take(cut.cropped()).map_err(|e| bad(&e))
         })
         .collect::<Outcome<Vec<Silhouette>>>()?;
     let t_s = listed.iter().map(|(_, t_s, _)| *t_s).collect();

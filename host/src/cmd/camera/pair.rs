@@ -51,9 +51,9 @@ impl Films {
         let shift_s = self.shift.as_secs_f64();
         simulated.t_s.iter_mut().for_each(|t_s| *t_s -= shift_s);
         let frames: Vec<_> = robot
-            .at_rate(self.rate)
+            .at_rate(self.rate)?
             .into_iter()
-            .zip(simulated.at_rate(self.rate))
+            .zip(simulated.at_rate(self.rate)?)
             .collect();
         if frames.is_empty() {
             let message = "the shift leaves no common time of both films";

@@ -10,7 +10,7 @@ use serde_json::json;
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::searching::films;
-use crate::searching::frames::{Frames, index};
+use crate::searching::frames::{Frames, index_in, instants};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct SimulateArgs {
@@ -30,7 +30,7 @@ pub(super) struct SimulateArgs {
 /// Films the simulation of a run: same gait, same start, same camera, shifted in time as the model says.
 pub(super) fn run(args: &SimulateArgs, context: &Context) -> Outcome {
     let model = crate::model_file::load(args.model.as_deref())?;
-    let manifest = films::read_manifest(&args.data)?;
+    let (data, manifest) = films::read_manifest(&args.data)?;
     let filmed = manifest.runs.iter().filter(|run| run.frames.is_some());
     let named = |run: &&files::dataset::Run| run.frames.as_deref() == Some(args.run.as_str());
     let Some(run) = filmed.clone().find(named) else {
@@ -39,12 +39,10 @@ pub(super) fn run(args: &SimulateArgs, context: &Context) -> Outcome {
         return Err(Failure::say(Exit::Usage, message).hint(format!("it has {}", names.join(", "))));
     };
     let settings = films::settings_of(manifest.camera.as_ref(), 1);
-    let last_s = index(&args.data.join(&args.run))?
-        .last()
-        .map_or(0.0, |l| l.1);
-    let frames = (last_s * settings.rate_hz + 0.5).max(0.0) as usize + 1;
-    let gait = films::read_gait(&args.data, &run.gait)?;
-    let start = films::start(&args.data, &manifest, run)?;
+    let last_s = index_in(&data, &args.run)?.last().map_or(0.0, |l| l.1);
+    let frames = instants(&[last_s], settings.rate_hz)?;
+    let gait = films::read_gait(&data, &run.gait)?;
+    let start = films::start(&data, &manifest, run)?;
     let rows = rows_of(&model);
     let maker = FilmMaker::new(settings, &context.robot_model());
     let duration_s = last_s + model.value(Key::CameraTimeShift).max(0.0) + 1.0 / settings.rate_hz;

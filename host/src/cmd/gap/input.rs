@@ -8,6 +8,7 @@ use gap::report::Subject;
 use sha2::{Digest, Sha256};
 
 use crate::context::Context;
+use crate::data_folder::DataFolder;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::recording;
 
@@ -40,13 +41,10 @@ fn day(time: SystemTime) -> Option<String> {
 /// The data set at `path` for the head of a report. A set without a name of its own has that of its folder; the day is
 /// that of the newest file of a run.
 fn subject(path: &Path, manifest: &Manifest) -> Subject {
-    let folder = match path.is_dir() {
-        true => path,
-        false => path.parent().unwrap_or(path),
-    };
+    let folder = DataFolder::of(path).ok();
     let written = |file: &str| {
         let name = file.split('#').next().unwrap_or(file);
-        folder.join(name).metadata().ok()?.modified().ok()
+        folder.as_ref()?.modified(name)
     };
     let newest = manifest.runs.iter().filter_map(|r| written(&r.file)).max();
     let mut subject = Subject::new(manifest, newest.and_then(day));

@@ -7,6 +7,7 @@ use files::model::Model;
 use gap::whole::{Diagnosis, Film, Settings, diagnose};
 
 use super::input::Input;
+use crate::data_folder::DataFolder;
 use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::searching::frames::Frames;
@@ -21,12 +22,8 @@ fn text(path: &Path) -> Outcome<String> {
 }
 
 /// The folder of a data set; a single recording lies in one.
-fn folder(data: &Path) -> &Path {
-    if data.is_dir() {
-        data
-    } else {
-        data.parent().unwrap_or(data)
-    }
+fn folder(data: &Path) -> Outcome<DataFolder> {
+    DataFolder::of(data).map_err(|e| disk::bad_file(data, &e))
 }
 
 /// The nominal model of a data set: its own, or the shipped one.
@@ -34,7 +31,9 @@ pub(super) fn model(data: &Path, input: &Input) -> Outcome<Model> {
     let Some(file) = &input.manifest.model else {
         return Ok(Model::hand_tuned());
     };
-    let text = text(&folder(data).join(file))?;
+    let text = folder(data)?
+        .text(file, disk::MAX_TEXT)
+        .map_err(|e| disk::bad_file(Path::new(file), &e))?;
     Model::parse(file, &text).map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))
 }
 
@@ -43,7 +42,7 @@ fn films(data: &Path, input: &Input) -> Outcome<Vec<Film>> {
     let mut out = Vec::new();
     for (run, r) in input.manifest.runs.iter().enumerate() {
         if let Some(folder) = &r.frames {
-            let Frames { t_s, frames } = Frames::read(&self::folder(data).join(folder))?;
+            let Frames { t_s, frames } = Frames::read_in(&self::folder(data)?, folder)?;
             let frames = t_s.into_iter().zip(frames).collect();
             out.push(Film { run, frames });
         }
