@@ -159,6 +159,10 @@ impl Board for L475 {
         self.cause
     }
 
+    fn name(&self) -> &'static str {
+        "stm32l475vg"
+    }
+
     fn unique_id(&self) -> [u8; 12] {
         uid::uid()
     }

@@ -161,6 +161,10 @@ pub trait Board {
     /// Cause of this boot, the same value on every call.
     fn reset_cause(&self) -> ResetCause;
 
+    /// Name of the board, the last word of the firmware's name in HELLO: at most 16 characters. [`protocol::link::status::EMULATED`] says that
+    /// nothing real moves.
+    fn name(&self) -> &'static str;
+
     /// The chip's unique id (96 bits on the STM32).
     fn unique_id(&self) -> [u8; 12];
 

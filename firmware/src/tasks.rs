@@ -101,6 +101,7 @@ fn boot<C: Clock, S: SlotStore, P: Board>(
     let facts = BootFacts {
         cause: board.reset_cause(),
         unique_id: board.unique_id(),
+        board: board.name(),
         entropy: board.entropy(),
         crash,
         now_us: clock.now_us(),

@@ -233,7 +233,7 @@ pub fn open_recording(
         firmware: hello.firmware.to_string(),
         robot: hello.robot_id.to_string(),
         port: robot.link().uri().to_string(),
-        emulated: robot.link().uri().is_sim(),
+        emulated: hello.is_emulated(),
         model_digest: text::hex(&hello.model_digest.0),
         clock_offset_ns,
     };

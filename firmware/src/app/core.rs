@@ -189,6 +189,7 @@ pub struct Core {
     pub(crate) low_readings: u8,
     pub(crate) counts: Counts,
     pub(crate) cause: ResetCause,
+    pub(crate) board: &'static str,
     pub(crate) robot_id: u8,
     pub(crate) boot_id: u32,
     /// Seed of the challenges; without one no challenge is given and nothing is started.
@@ -240,6 +241,7 @@ impl Core {
             low_readings: 0,
             counts: Counts::new(),
             cause: ResetCause::PowerOn,
+            board: "",
             robot_id: 1,
             boot_id: 1,
             entropy: None,

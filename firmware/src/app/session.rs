@@ -80,8 +80,10 @@ impl ModuleHandler for Visitor<'_> {
             };
         }
         let mut firmware = heapless::String::<MAX_FIRMWARE_ID>::new();
-        // A longer name would be left out whole; the test of this module reads it back.
-        let _ = firmware.push_str(crate::FIRMWARE_ID);
+        // A longer word would be left out whole; the test of this module reads it back.
+        for word in [crate::FIRMWARE_ID, " ", self.core.board] {
+            let _ = firmware.push_str(word);
+        }
         Hello {
             protocol: VERSION,
             robot_id: self.core.robot_id,

@@ -28,6 +28,8 @@ pub struct BootFacts {
     pub cause: ResetCause,
     /// The chip's unique id.
     pub unique_id: [u8; 12],
+    /// Name of the board.
+    pub board: &'static str,
     /// Bytes that differ at every boot, or why there are none.
     pub entropy: Result<[u8; 16], EntropyError>,
     /// Fault record that survived the reset.
@@ -43,6 +45,7 @@ impl Core {
     pub(crate) fn boot<S: SlotStore>(&mut self, store: &mut S, facts: &BootFacts) {
         self.now_us = facts.now_us;
         self.cause = facts.cause;
+        self.board = facts.board;
         self.entropy = facts.entropy.ok();
         let hash = sha2::Sha256::new().chain_update(facts.unique_id).finalize();
         self.robot_id = hash.first().map_or(1, |byte| byte % 254 + 1);

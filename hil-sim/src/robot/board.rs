@@ -142,6 +142,10 @@ impl Board for BoardOfOneBoot {
         self.board.state.borrow().cause
     }
 
+    fn name(&self) -> &'static str {
+        protocol::link::status::EMULATED
+    }
+
     fn unique_id(&self) -> [u8; 12] {
         self.board.state.borrow().unique_id
     }

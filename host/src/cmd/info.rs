@@ -39,7 +39,7 @@ fn json(robot: &Robot, info: &Info, crash: Option<&CrashRecord>) -> Value {
     let counters = &info.counters;
     json!({
         "port": robot.link().uri().to_string(),
-        "robot_id": hello.robot_id, "firmware": hello.firmware.as_str(), "protocol": hello.protocol,
+        "robot_id": hello.robot_id, "emulated": hello.is_emulated(), "firmware": hello.firmware.as_str(), "protocol": hello.protocol,
         "boot_id": hello.boot_id, "model_digest": text::hex(&hello.model_digest.0), "keyed": hello.keyed,
         "state": text::state(info.state),
         "fault": info.fault.map(|f| json!({
@@ -63,8 +63,17 @@ fn json(robot: &Robot, info: &Info, crash: Option<&CrashRecord>) -> Value {
 fn words(robot: &Robot, info: &Info, crash: Option<&CrashRecord>) -> String {
     let hello = robot.hello();
     let c = &info.counters;
+    let emulated = if hello.is_emulated() {
+        ", EMULATED: nothing real moves"
+    } else {
+        ""
+    };
     let mut lines = vec![
-        format!("robot        {} on {}", hello.robot_id, robot.link().uri()),
+        format!(
+            "robot        {} on {}{emulated}",
+            hello.robot_id,
+            robot.link().uri()
+        ),
         format!(
             "firmware     {} (protocol {})",
             hello.firmware, hello.protocol

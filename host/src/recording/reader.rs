@@ -93,7 +93,7 @@ impl Recording {
         Some(topics.join(", "))
     }
 
-    /// Whether the robot was the emulated one in the process of rb-host.
+    /// Whether the robot was an emulated one, in the process of rb-host or behind a port.
     #[must_use]
     pub fn is_emulated(&self) -> bool {
         let about = |key: &str| self.about.get(key).map(String::as_str);

@@ -288,6 +288,27 @@ fn pictures_and_recordings_of_the_emulated_robot_say_so() {
     assert!(drawn.contains(">emulated robot, run 1,"));
     let checked = rb(&folder, &["rec", "check", "a.mcap"]).expect(0);
     assert!(checked.out.contains("emulated robot"), "{}", checked.out);
+
+    // The robot itself says what it is, so a recording over a port says it too.
+    let robot = Emulator::start(&folder);
+    let uri = robot.uri();
+    let said = rb(&folder, &["-p", &uri, "info", "--json"])
+        .expect(0)
+        .json();
+    assert_eq!(said["emulated"], true);
+    rb(&folder, &["-p", &uri, "zero", "--yes"]).expect(0);
+    rb(
+        &folder,
+        &["-p", &uri, "run", &crawl, "-d", "1s", "-r", "port.mcap"],
+    )
+    .expect(0);
+    let about = rb(&folder, &["rec", "info", "port.mcap", "--json"])
+        .expect(0)
+        .json();
+    assert_eq!(about["about"]["emulated"], "true");
+    rb(&folder, &["rec", "plot", "port.mcap"]).expect(0);
+    let drawn = std::fs::read_to_string(folder.path("port.svg")).unwrap();
+    assert!(drawn.contains(">emulated robot, run 1,"));
 }
 
 #[test]

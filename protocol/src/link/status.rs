@@ -10,6 +10,9 @@ use super::gait::Digest;
 /// Bytes of the firmware's name in [`Hello`].
 pub const MAX_FIRMWARE_ID: usize = 40;
 
+/// Name of the emulated robot's board: the last word of [`Hello::firmware`] where nothing real moves.
+pub const EMULATED: &str = "emulated";
+
 /// Who answers.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Hello {
@@ -19,12 +22,20 @@ pub struct Hello {
     pub robot_id: u8,
     /// Random number of this boot; every later frame of the session carries it.
     pub boot_id: u32,
-    /// Firmware name, version and commit.
+    /// Firmware name, version and board.
     pub firmware: String<MAX_FIRMWARE_ID>,
     /// Fingerprint of the robot model the pre-check is built with.
     pub model_digest: Digest,
     /// Whether a key is set. Without one, orders are accepted on a wire port only.
     pub keyed: bool,
+}
+
+impl Hello {
+    /// Whether an emulated robot answers.
+    #[must_use]
+    pub fn is_emulated(&self) -> bool {
+        self.firmware.rsplit(' ').next() == Some(EMULATED)
+    }
 }
 
 /// State of the module.
