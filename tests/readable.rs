@@ -39,6 +39,7 @@ const CLEAN_SOURCES: &[&str] = &[
     "control",
     "files",
     "firmware",
+    "gap",
     "hil-sim",
     "host",
     "optimise",
@@ -50,6 +51,15 @@ const CLEAN_SOURCES: &[&str] = &[
     "tests",
     "trials",
     "xtask",
+];
+
+/// Parts of `gap` that the engine of evidence replaces: their comments go with them.
+const REPLACED: &[&str] = &[
+    "gap/src/diagnose",
+    "gap/src/fit",
+    "gap/src/joint",
+    "gap/src/select",
+    "gap/src/whole",
 ];
 
 /// A page with its path from the root.
@@ -295,7 +305,15 @@ fn words_are_those_of_the_field() {
 fn sentences_of_public_comments_are_short() {
     let mut complaints = Vec::new();
     for source in CLEAN_SOURCES {
-        for path in rust_files(&root().join(source)) {
+        let replaced = |path: &Path| {
+            REPLACED
+                .iter()
+                .any(|part| path.starts_with(root().join(part)))
+        };
+        let kept = rust_files(&root().join(source))
+            .into_iter()
+            .filter(|path| !replaced(path));
+        for path in kept {
             let text = std::fs::read_to_string(&path).unwrap();
             let comment = |line: &str| {
                 let bare = line.trim_start();

@@ -252,9 +252,9 @@ pub struct Block {
 }
 
 impl Block {
-    /// The same where `share` of the noise's standard deviation may be model error in any one direction, which no
-    /// number of rows averages away: along a direction the errors then have the variance `1 + rows share^2`, and
-    /// all that the block says counts by so much less.
+    /// The same where `share` of the noise's standard deviation may be model error in any one direction. No number of rows
+    /// averages model error away: along a direction the errors have the variance `1 + rows share^2`. All that the block
+    /// says counts by so much less.
     #[must_use]
     pub fn with_model_error(mut self, share: f64) -> Self {
         let by = 1.0 / (1.0 + self.rows * share * share);
