@@ -17,11 +17,11 @@ cargo xtask <command>
 
   demo      upload, run and record a gait on the emulated robot, and draw it (needs Rust only)
   test      set up this machine, then run every check: format, lints, all tests, firmware, QEMU, foreign clients
-  setup     only the set-up that `test` does: Rust target, QEMU, Python clients, browser
+  setup     only the set-up that `test` does: Rust target, QEMU, Python clients, browser, mdBook
   fw        build the firmware image for the STM32L475VG and print its size
   gate      link `control` and `protocol` into a thumb image in which a reachable panic is a link error
   release   archives, Debian package, checksums and parts list of this version, in target/dist
-  site      the pages as a web site, in target/site (needs mdBook)
+  site      the pages as a web site, in target/site with mdBook, links followed
   figures   print every table that the documentation quotes, from a fresh run (tens of minutes)
 ";
 

@@ -40,6 +40,7 @@ pub(crate) fn run() -> Result<Report> {
     report.add("QEMU", qemu());
     report.add("Python clients", python_clients());
     report.add("Chromium", debian_tool("chromium", "chromium"));
+    report.add("mdBook", crate::site::mdbook());
     Ok(report)
 }
 
