@@ -62,7 +62,7 @@ pub const EXAMPLES: &[Examples] = &[
         "emulate",
         &[
             "emulate robot --tcp 127.0.0.1:7000",
-            "emulate motors --pty /tmp/bus --fault drop=0.01",
+            "emulate motors --pty /tmp/bus --inject drop=0.01",
         ],
     ),
     (
@@ -259,5 +259,61 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// How an option is written: its short form, and the name of its value.
+    type Form = (Option<char>, Option<String>);
+
+    fn options(command: &clap::Command, path: &str, out: &mut Vec<(String, String, Form)>) {
+        for option in command.get_opts().filter(|o| !o.is_hide_set()) {
+            let Some(long) = option.get_long() else {
+                continue;
+            };
+            let values = option.get_value_names().unwrap_or_default();
+            let takes = option.get_action().takes_values();
+            let value = takes.then(|| values.first().map_or("", |v| v.as_str()).to_owned());
+            out.push((
+                long.to_owned(),
+                path.to_owned(),
+                (option.get_short(), value),
+            ));
+        }
+        for sub in command.get_subcommands() {
+            options(sub, &format!("{path} {}", sub.get_name()), out);
+        }
+    }
+
+    #[test]
+    fn an_option_means_one_thing_everywhere() {
+        let mut found = Vec::new();
+        options(&crate::cli::command(), "", &mut found);
+        let kind = |long: &str, value: &Option<String>| match value.as_deref() {
+            // What a command writes is a file or a folder.
+            Some("FILE" | "DIR" | "PATH") if long == "output" => Some("PATH".to_owned()),
+            // Runs of a recording have numbers, those of a data set have names.
+            Some("NAME") if long == "run" => Some("N".to_owned()),
+            _ => value.clone(),
+        };
+        let mut differ = Vec::new();
+        for (long, path, (short, value)) in &found {
+            let first = found.iter().find(|row| row.0 == *long).unwrap();
+            let short_differs = short.is_some() && first.2.0.is_some() && *short != first.2.0;
+            if short_differs || kind(long, value) != kind(long, &first.2.1) {
+                differ.push(format!("--{long} of `{path}` and of `{}`", first.1));
+            }
+        }
+        let letters = |letter| {
+            let longs = found.iter().filter(|row| row.2.0 == Some(letter));
+            longs
+                .map(|row| row.0.clone())
+                .collect::<std::collections::BTreeSet<_>>()
+        };
+        for letter in 'a'..='z' {
+            let longs = letters(letter);
+            if longs.len() > 1 {
+                differ.push(format!("-{letter} is {longs:?}"));
+            }
+        }
+        assert!(differ.is_empty(), "{differ:#?}");
     }
 }

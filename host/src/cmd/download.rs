@@ -14,10 +14,10 @@ use crate::upload;
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Slot; default: the active one
-    #[arg(short, long)]
+    #[arg(short, long, value_name = "SLOT")]
     slot: Option<u8>,
     /// File to write; default: standard output
-    #[arg(short, long)]
+    #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Replace an existing file
     #[arg(long)]

@@ -47,10 +47,10 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
     /// Faults, such as drop=0.01,corrupt=1e-4,stall@4-6:joint2
-    #[arg(long, value_name = "LIST")]
+    #[arg(long = "inject", alias = "fault", value_name = "LIST")]
     fault: Option<String>,
     /// Seed of all chance
-    #[arg(long)]
+    #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Motors: answer after the time the wire takes, or at once
     #[arg(long, value_enum, default_value = "real")]

@@ -59,7 +59,7 @@ enum Action {
         #[arg(long, value_enum)]
         to: Form,
         /// File to write; default: standard output
-        #[arg(short, long)]
+        #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
         /// Replace an existing file
         #[arg(long)]

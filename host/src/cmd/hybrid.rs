@@ -39,10 +39,15 @@ pub struct Args {
     #[arg(long, value_name = "N", conflicts_with_all = ["resume", "scenario"])]
     robot_seed: Option<u64>,
     /// Real robot: file with the `[camera]` table of its camera; a Kinect over the origin when absent
-    #[arg(long, value_name = "FILE", conflicts_with = "resume")]
+    #[arg(
+        long = "camera-file",
+        alias = "camera",
+        value_name = "FILE",
+        conflicts_with = "resume"
+    )]
     camera: Option<PathBuf>,
     /// Real robot: slot whose gait may be replaced
-    #[arg(long, value_name = "N", conflicts_with = "resume")]
+    #[arg(long, value_name = "SLOT", conflicts_with = "resume")]
     slot: Option<u8>,
     /// Cycles in all; with --resume more can be added
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100))]

@@ -14,7 +14,7 @@ use crate::failure::{Exit, Failure, Outcome};
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Folder for one page per command; default: the main page to standard output
-    #[arg(short, long)]
+    #[arg(short, long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// Write every command with its options as one Markdown page to standard output
     #[arg(long, conflicts_with = "output")]

@@ -20,8 +20,8 @@ pub struct Args {
     /// End after this time
     #[arg(short, long, value_name = "TIME", value_parser = parse_duration)]
     duration: Option<Duration>,
-    /// Telemetry rate, 20 or 100 Hz
-    #[arg(long, default_value = "20", value_parser = ["20", "100"])]
+    /// Samples per second, 20 or 100
+    #[arg(long, value_name = "HZ", default_value = "20", value_parser = ["20", "100"])]
     rate: String,
     /// Print one line per sample instead of a table that refreshes
     #[arg(long)]

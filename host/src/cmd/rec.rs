@@ -53,7 +53,7 @@ enum Action {
         #[arg(long, value_enum)]
         to: Form,
         /// File (csv: one run) or folder (dataset, attachments)
-        #[arg(short, long)]
+        #[arg(short, long, value_name = "PATH")]
         output: PathBuf,
         /// The run for csv, from 1
         #[arg(long, value_name = "N", default_value_t = 1)]
@@ -79,7 +79,7 @@ enum Action {
         /// Recording
         file: PathBuf,
         /// Picture to write; default: the recording's name with .svg
-        #[arg(short, long)]
+        #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
         /// The run, from 1
         #[arg(long, value_name = "N", default_value_t = 1)]

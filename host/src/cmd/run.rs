@@ -26,7 +26,7 @@ pub struct Args {
     /// Gait file, uploaded first
     gait: Option<PathBuf>,
     /// Slot: with a gait file where to store it, alone what to run
-    #[arg(short, long)]
+    #[arg(short, long, value_name = "SLOT")]
     slot: Option<u8>,
     /// Length of each run, such as 30s; default: the gait's own
     #[arg(short, long, value_name = "TIME", value_parser = parse_duration)]

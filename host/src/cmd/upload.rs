@@ -17,7 +17,7 @@ pub struct Args {
     /// Gait file
     gait: PathBuf,
     /// Slot; default: the slot with a gait of the same name, else the first empty one
-    #[arg(short, long)]
+    #[arg(short, long, value_name = "SLOT")]
     slot: Option<u8>,
     /// Store it under another name
     #[arg(long)]

@@ -75,7 +75,7 @@ fn two_films(args: &CompareArgs, films: &Films, context: &Context) -> Outcome {
     if seen.is_empty() {
         return Err(
             Failure::say(Exit::BadFile, "no frame of either film shows a robot")
-                .hint("look at the frames; `rb-host camera silhouette` may need another --step"),
+                .hint("look at the frames; `rb-host camera silhouette` may need another --closer"),
         );
     }
     let mean = seen.iter().sum::<f64>() / seen.len() as f64;

@@ -52,8 +52,8 @@ pub(super) struct SilhouetteArgs {
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// How much closer than the background the robot is at least, in raw units of the camera
-    #[arg(long, value_name = "RAW", default_value_t = STEP_RAW)]
-    step: u16,
+    #[arg(long, alias = "step", value_name = "RAW", default_value_t = STEP_RAW)]
+    closer: u16,
 }
 
 /// Depth frames that the background is taken from at most; enough for a median, few enough for memory.
@@ -285,7 +285,7 @@ pub(super) fn silhouette(args: &SilhouetteArgs, context: &Context) -> Outcome {
                 Failure::say(Exit::BadFile, format!("{}: {why}", path.display()))
             };
             let frame = read_depth(&path, folder.file(file))?;
-            let cut = depth::silhouette(&frame, &ground, args.step).map_err(|e| bad(&e))?;
+            let cut = depth::silhouette(&frame, &ground, args.closer).map_err(|e| bad(&e))?;
             held.take(cut.cropped()).map_err(|e| bad(&e))
         })
         .collect::<Outcome<Vec<Silhouette>>>()?;
@@ -297,8 +297,8 @@ pub(super) fn silhouette(args: &SilhouetteArgs, context: &Context) -> Outcome {
     let (count, mean_px) = (film.frames.len(), total / film.frames.len().max(1) as u64);
     if empty > 0 {
         context.out.warn(format_args!(
-            "{empty} of {count} frames show no robot: it left the picture, or --step {} is too much",
-            args.step
+            "{empty} of {count} frames show no robot: it left the picture, or --closer {} is too much",
+            args.closer
         ));
     }
     let value =

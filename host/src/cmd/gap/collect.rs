@@ -28,7 +28,7 @@ pub(super) struct Args {
     #[arg(short, long, value_name = "DIR")]
     output: PathBuf,
     /// Recordings of each gait: what repeats badly cannot be diagnosed
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
+    #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=100))]
     repeat: u32,
     /// Length of each gait run; default: the gait's own
     #[arg(short, long, value_name = "TIME", value_parser = parse_duration)]
@@ -43,7 +43,7 @@ pub(super) struct Args {
     #[arg(short, long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// Slot that the gaits go through; default: the first empty one
-    #[arg(short, long)]
+    #[arg(short, long, value_name = "SLOT")]
     slot: Option<u8>,
     /// Tell what would be recorded and how long it takes, and stop
     #[arg(long)]

@@ -29,13 +29,13 @@ pub(super) struct Args {
     #[arg(long = "json-file", value_name = "FILE")]
     json_file: Option<PathBuf>,
     /// Write the verdict as Markdown
-    #[arg(long, value_name = "FILE")]
+    #[arg(long = "markdown-file", alias = "markdown", value_name = "FILE")]
     markdown: Option<PathBuf>,
     /// Write the found effects as a patch for `gap predict`
     #[arg(long, value_name = "FILE")]
     patch: Option<PathBuf>,
     /// Seed of global starts and bootstraps
-    #[arg(long, default_value_t = 1)]
+    #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     /// Stop the search after this time and write what is there, marked as partial
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
