@@ -1,4 +1,5 @@
-"""Drives the emulated motors with the Robotis SDK, unmodified: ping, broadcast, read, write, sync, fast sync, reboot, errors, stuffing.
+"""Drives the emulated motors with the Robotis SDK, unmodified: ping, broadcast, read, write, sync, bulk, fast reads, registered writes, resets,
+errors, stuffing.
 
 Usage: drive_with_dynamixel_sdk.py DEVICE
 Prints one line per check; exits 1 at the first that fails.
@@ -10,6 +11,8 @@ import time
 from dynamixel_sdk import (
     COMM_RX_TIMEOUT,
     COMM_SUCCESS,
+    GroupBulkRead,
+    GroupBulkWrite,
     GroupSyncRead,
     GroupSyncWrite,
     PacketHandler,
@@ -23,6 +26,7 @@ port_handler.LATENCY_TIMER = 250
 IDS = [1, 2, 3, 4, 5, 6]
 TORQUE, GOAL, POSITION, HARDWARE_ERROR, WATCHDOG, TEMPERATURE = 64, 116, 132, 70, 98, 146
 P_GAIN, PACKED, PACKED_LEN, GOAL_ANGLE, BOOT_COUNT = 84, 1064, 19, 1024, 1048
+LED, LEVEL, REGISTERED, MOVING_THRESHOLD = 65, 68, 69, 24
 MODEL = 0x4252
 ERR_RANGE, ERR_ACCESS, ERR_LIMIT = 4, 7, 6
 
@@ -107,6 +111,52 @@ def cycles(packet, port, count):
     check(all(abs(p - (500 if i % 2 else -500)) <= 2 for i, p in zip(IDS, positions)), f"positions reached: {positions}")
 
 
+def bulk(packet, port):
+    write = GroupBulkWrite(port, packet)
+    write.addParam(1, P_GAIN, 2, [0x2C, 0x01])
+    write.addParam(3, LED, 1, [1])
+    check(write.txPacket() == COMM_SUCCESS, "bulk write")
+    check(packet.read2ByteTxRx(port, 1, P_GAIN) == (300, COMM_SUCCESS, 0), "changes one register of one driver")
+    check(packet.read1ByteTxRx(port, 3, LED) == (1, COMM_SUCCESS, 0), "and another of another")
+    for fast in (False, True):
+        read = GroupBulkRead(port, packet)
+        read.addParam(3, LED, 1)
+        read.addParam(1, P_GAIN, 2)
+        read.addParam(6, POSITION, 4)
+        result = read.fastBulkRead() if fast else read.txRxPacket()
+        check(result == COMM_SUCCESS, "fast bulk read" if fast else "bulk read")
+        got = (read.getData(3, LED, 1), read.getData(1, P_GAIN, 2))
+        check(got == (1, 300) and read.isAvailable(6, POSITION, 4), f"reads {got}")
+
+
+def registered(packet, port):
+    check(packet.read1ByteTxRx(port, 2, REGISTERED) == (0, COMM_SUCCESS, 0), "nothing is registered")
+    check(packet.regWriteTxRx(port, 2, LED, 1, [1]) == (COMM_SUCCESS, 0), "reg write")
+    check(packet.read1ByteTxRx(port, 2, REGISTERED) == (1, COMM_SUCCESS, 0), "register 69 says so")
+    check(packet.read1ByteTxRx(port, 2, LED) == (0, COMM_SUCCESS, 0), "and nothing happens yet")
+    check(packet.action(port, 0xFE) == COMM_SUCCESS, "action")
+    check(packet.read1ByteTxRx(port, 2, LED) == (1, COMM_SUCCESS, 0), "now it does")
+
+
+def levels(packet, port):
+    check(packet.write1ByteTxRx(port, 5, LEVEL, 1) == (COMM_SUCCESS, 0), "status return level 1 at its next packet")
+    check(packet.write1ByteTxRx(port, 5, LED, 1)[0] == COMM_RX_TIMEOUT, "then a write is not answered")
+    check(packet.read1ByteTxRx(port, 5, LED) == (1, COMM_SUCCESS, 0), "a read is")
+    packet.write1ByteTxOnly(port, 5, LEVEL, 0)
+    check(packet.read1ByteTxRx(port, 5, LED)[1] == COMM_RX_TIMEOUT, "level 0: nor a read")
+    check(packet.ping(port, 5)[1] == COMM_SUCCESS, "a ping always")
+    packet.write1ByteTxOnly(port, 5, LEVEL, 2)
+
+
+def factory(packet, port):
+    check(packet.write1ByteTxRx(port, 6, TORQUE, 0) == (COMM_SUCCESS, 0), "torque off")
+    check(packet.write4ByteTxRx(port, 6, MOVING_THRESHOLD, 99) == (COMM_SUCCESS, 0), "an EEPROM register changed")
+    check(packet.factoryReset(port, 6, 0x02) == (COMM_SUCCESS, 0), "factory reset but id and baud rate")
+    time.sleep(0.1)
+    value, result, _ = packet.read4ByteTxRx(port, 6, MOVING_THRESHOLD)
+    check(result == COMM_SUCCESS and value != 99, f"it is {value} again, under the same id")
+
+
 def reboot(packet, port):
     before, _, _ = packet.read1ByteTxRx(port, 3, BOOT_COUNT)
     check(packet.reboot(port, 3) == (COMM_SUCCESS, 0), "reboot")
@@ -137,6 +187,10 @@ def main():
     stuffing(packet, port)
     cycles(packet, port, 300)
     watchdog(packet, port)
+    bulk(packet, port)
+    registered(packet, port)
+    levels(packet, port)
+    factory(packet, port)
     reboot(packet, port)
     port.closePort()
     print("ALL CHECKS PASSED")

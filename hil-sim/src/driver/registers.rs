@@ -2,7 +2,7 @@
 
 use protocol::bus::feedback::{PackedFeedback, status};
 use protocol::bus::packet::StatusError;
-use protocol::bus::server::DriverHandler;
+use protocol::bus::server::{DriverHandler, Keep};
 use protocol::bus::table::{
     BAUD_1M, RETURN_DELAY_NS, Register, RegisterFile, WATCHDOG_MS, WATCHDOG_TRIPPED,
 };
@@ -15,6 +15,8 @@ use super::{Driver, GoalError, Mode, Watchdog};
 #[derive(Clone, Debug)]
 pub struct Registers {
     file: RegisterFile,
+    /// The file as the driver left the works: with its own address, delay and limits.
+    factory: RegisterFile,
     base: ControlParams,
     alias: Option<u8>,
     refused: bool,
@@ -59,6 +61,7 @@ impl Registers {
         );
         file.set(Register::Shutdown, SHUTDOWN_ALL);
         let registers = Self {
+            factory: file.clone(),
             file,
             base: params.control,
             alias: None,
@@ -327,5 +330,34 @@ impl DriverHandler for Front<'_> {
     fn reboot(&mut self) {
         let now_ns = self.registers.now_ns;
         self.registers.restart(self.driver, now_ns);
+    }
+
+    fn factory_reset(&mut self, keep: Keep) -> Result<(), StatusError> {
+        let before = core::mem::replace(&mut self.registers.file, self.registers.factory.clone());
+        let file = &mut self.registers.file;
+        let (id, baud) = (Register::Id, Register::BaudRate);
+        file.set(
+            id,
+            if keep == Keep::Nothing {
+                1
+            } else {
+                before.get(id)
+            },
+        );
+        if keep == Keep::IdAndBaud {
+            file.set(baud, before.get(baud));
+        }
+        self.reboot();
+        Ok(())
+    }
+
+    fn clear_turns(&mut self) -> Result<(), StatusError> {
+        if self.driver.torque_on() {
+            return Err(StatusError::Result);
+        }
+        let turns = libm::floor(self.driver.readings().position_rad / core::f64::consts::TAU);
+        let home = self.driver.home_rad() - turns * core::f64::consts::TAU;
+        self.driver.set_home(home);
+        Ok(())
     }
 }

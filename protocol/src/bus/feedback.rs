@@ -51,6 +51,8 @@ pub mod status {
     pub const WATCHDOG: u8 = 1 << 5;
     /// Speed is above the moving threshold.
     pub const MOVING: u8 = 1 << 6;
+    /// The driver has restarted since its settings were written. Only of off-the-shelf servos, which count no boots.
+    pub const RESTARTED: u8 = 1 << 7;
 }
 
 /// Width of each field, in block order. They sum to the 145 bits that 19 bytes with 7 clear bits hold.

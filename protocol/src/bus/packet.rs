@@ -34,15 +34,15 @@ pub enum Instruction {
     Read = 0x02,
     /// Write registers.
     Write = 0x03,
-    /// Write at the next Action. Not supported by our drivers.
+    /// Write at the next Action.
     RegWrite = 0x04,
-    /// Do the registered write. Not supported by our drivers.
+    /// Do the registered write.
     Action = 0x05,
-    /// Refused by our drivers: it would change ids on a bus full of equal drivers.
+    /// Every register back to its default.
     FactoryReset = 0x06,
     /// Restart.
     Reboot = 0x08,
-    /// Clear multi-turn information. Not supported by our drivers.
+    /// Clear multi-turn information.
     Clear = 0x10,
     /// An answer.
     Status = 0x55,
@@ -52,10 +52,12 @@ pub enum Instruction {
     SyncWrite = 0x83,
     /// Sync Read answered by one packet.
     FastSyncRead = 0x8A,
-    /// Read different registers. Not supported by our drivers.
+    /// Read different registers of several drivers.
     BulkRead = 0x92,
-    /// Write different registers. Not supported by our drivers.
+    /// Write different registers of several drivers.
     BulkWrite = 0x93,
+    /// Bulk Read answered by one packet.
+    FastBulkRead = 0x9A,
 }
 
 impl Instruction {
@@ -77,6 +79,7 @@ impl Instruction {
             Self::FastSyncRead,
             Self::BulkRead,
             Self::BulkWrite,
+            Self::FastBulkRead,
         ]
         .into_iter()
         .find(|instruction| *instruction as u8 == byte)

@@ -5,13 +5,14 @@
 
 use heapless::Vec;
 
-use super::feedback::{PACKED_LEN, PackedFeedback};
+use super::access::{check, read, write};
+use super::feedback::PackedFeedback;
+use super::group::{Group, bulk_write, sync_write};
+use super::indirect::Indirect;
 use super::packet::{
     ALERT, BROADCAST, Builder, Instruction, Packet, PacketBuf, Parser, ParserCounters, StatusError,
 };
-use super::table::{
-    Access, OWN_END, OWN_START, PACKED_FEEDBACK, RETURN_DELAY_NS, Register, TABLE, X_END,
-};
+use super::table::{RETURN_DELAY_NS, Register};
 use crate::crc::crc16;
 
 /// Drivers in one Sync Read that are waited for.
@@ -22,6 +23,32 @@ const MAX_GAP_NS: u64 = 10_000_000;
 pub const SKIP_NS: u64 = 600_000;
 /// Bytes of an answer to a ping, for the order of answers to a broadcast ping.
 const PING_ANSWER: u64 = 14;
+/// Longest write that a Reg Write keeps for its Action: more than the largest block of writable registers.
+const MAX_REGISTERED: usize = 64;
+/// Parameters of Clear that mean the turns of the position (Robotis e-manual, Protocol 2.0, Clear).
+const CLEAR_TURNS: [u8; 5] = [0x01, 0x44, 0x58, 0x4C, 0x22];
+
+/// What a factory reset leaves as it is (Robotis e-manual, Protocol 2.0, Factory Reset).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Keep {
+    /// Nothing; not for all drivers at once, because they would get one id.
+    Nothing,
+    /// The id.
+    Id,
+    /// The id and the baud rate.
+    IdAndBaud,
+}
+
+impl Keep {
+    fn from_params(params: &[u8], broadcast: bool) -> Option<Self> {
+        match params {
+            [0xFF] if !broadcast => Some(Self::Nothing),
+            [0x01] => Some(Self::Id),
+            [0x02] => Some(Self::IdAndBaud),
+            _ => None,
+        }
+    }
+}
 
 /// What a driver does.
 pub trait DriverHandler {
@@ -38,6 +65,26 @@ pub trait DriverHandler {
     fn write(&mut self, register: Register, value: i32) -> Result<(), StatusError>;
     /// Restart: RAM registers to defaults, torque off, zero lost.
     fn reboot(&mut self);
+    /// Indirect addresses, of a driver that has the X-series table and no block of ours.
+    fn indirect(&self) -> Option<&Indirect> {
+        None
+    }
+    /// Takes other indirect addresses.
+    fn set_indirect(&mut self, _map: Indirect) {}
+    /// Every register back to its default but what is kept, then a restart.
+    ///
+    /// # Errors
+    /// [`StatusError::Instruction`] of a driver that cannot.
+    fn factory_reset(&mut self, _keep: Keep) -> Result<(), StatusError> {
+        Err(StatusError::Instruction)
+    }
+    /// Takes whole turns off the position.
+    ///
+    /// # Errors
+    /// [`StatusError::Instruction`] of a driver that cannot; [`StatusError::Result`] while torque is on.
+    fn clear_turns(&mut self) -> Result<(), StatusError> {
+        Err(StatusError::Instruction)
+    }
 }
 
 /// An answer to be sent.
@@ -72,6 +119,8 @@ enum Turn {
 pub struct DriverServer {
     parser: Parser,
     turn: Option<Turn>,
+    /// A Reg Write that waits for its Action: address and bytes.
+    registered: Option<(u16, Vec<u8, MAX_REGISTERED>)>,
     last_byte_ns: u64,
     byte_ns: u64,
 }
@@ -83,6 +132,7 @@ impl DriverServer {
         Self {
             parser: Parser::new(),
             turn: None,
+            registered: None,
             last_byte_ns: 0,
             byte_ns,
         }
@@ -170,43 +220,57 @@ impl DriverServer {
         }
         self.turn = None;
         let own = handler.read(Register::Id) as u8;
-        let sync = matches!(
-            request.instruction,
-            Some(Instruction::SyncRead | Instruction::FastSyncRead | Instruction::SyncWrite)
-        );
         if request.id != own && request.id != BROADCAST {
             return None;
         }
-        let send_at_ns = now_ns.saturating_add(return_delay_ns(handler));
-        if !sync {
-            handler.latch(now_ns);
-            let answer = carry_out(&request, own, handler)?;
-            let wait = if request.id == BROADCAST {
-                u64::from(own).saturating_mul(self.ping_slot_ns())
-            } else {
-                0
-            };
-            return fresh.then_some(Reply {
-                bytes: answer,
-                send_at_ns: send_at_ns.saturating_add(wait),
-            });
-        }
-        if request.id != BROADCAST {
+        if request.is_for_several() {
+            if request.id == BROADCAST {
+                return self.several(&request, own, fresh, now_ns, handler);
+            }
             return None;
         }
+        let send_at_ns = now_ns.saturating_add(return_delay_ns(handler));
+        handler.latch(now_ns);
+        let answer = self.carry_out(&request, own, handler)?;
+        let wait = if request.id == BROADCAST {
+            u64::from(own).saturating_mul(self.ping_slot_ns())
+        } else {
+            0
+        };
+        fresh.then_some(Reply {
+            bytes: answer,
+            send_at_ns: send_at_ns.saturating_add(wait),
+        })
+    }
+
+    /// Instructions that name several drivers, each perhaps with registers of its own.
+    fn several<H: DriverHandler>(
+        &mut self,
+        request: &Request,
+        own: u8,
+        fresh: bool,
+        now_ns: u64,
+        handler: &mut H,
+    ) -> Option<Reply> {
+        let params = request.params.as_slice();
         match request.instruction {
-            Some(Instruction::SyncWrite) => {
-                sync_write(&request.params, own, now_ns, handler);
-                None
-            }
+            Some(Instruction::SyncWrite) => sync_write(params, own, now_ns, handler),
+            Some(Instruction::BulkWrite) => bulk_write(params, own, now_ns, handler),
             Some(Instruction::SyncRead) if fresh => {
-                self.sync_read(&request.params, own, now_ns, handler)
+                return self.group_read(&Group::sync(params)?, own, now_ns, handler);
+            }
+            Some(Instruction::BulkRead) if fresh => {
+                return self.group_read(&Group::bulk(params), own, now_ns, handler);
             }
             Some(Instruction::FastSyncRead) if fresh => {
-                self.fast_sync_read(&request.params, own, now_ns, handler)
+                return self.fast_read(&Group::sync(params)?, own, now_ns, handler);
             }
-            _ => None,
+            Some(Instruction::FastBulkRead) if fresh => {
+                return self.fast_read(&Group::bulk(params), own, now_ns, handler);
+            }
+            _ => {}
         }
+        None
     }
 
     fn ping_slot_ns(&self) -> u64 {
@@ -234,23 +298,26 @@ impl DriverServer {
         }
     }
 
-    fn sync_read<H: DriverHandler>(
+    fn group_read<H: DriverHandler>(
         &mut self,
-        params: &[u8],
+        group: &Group<'_>,
         own: u8,
         now_ns: u64,
         handler: &mut H,
     ) -> Option<Reply> {
-        let (address, len, ids) = sync_params(params)?;
-        let place = ids.iter().position(|id| *id == own)?;
+        let place = group.place(own)?;
+        let (_, address, len) = group.get(place)?;
         handler.latch(now_ns);
         if handler.read(Register::StatusReturnLevel) < 1 {
             return None;
         }
         let mut data = PacketBuf::new();
-        let result = read(address, len, handler, &mut data);
+        let result = read(address, len, self.registered.is_some(), handler, &mut data);
         let bytes = status(own, result, &data, handler)?;
-        let ahead = Vec::from_slice(ids.get(..place)?).ok()?;
+        let mut ahead = Vec::new();
+        for other in 0..place {
+            ahead.push(group.get(other)?.0).ok()?;
+        }
         if ahead.is_empty() {
             return Some(Reply {
                 bytes,
@@ -265,25 +332,31 @@ impl DriverServer {
         None
     }
 
-    fn fast_sync_read<H: DriverHandler>(
+    fn fast_read<H: DriverHandler>(
         &mut self,
-        params: &[u8],
+        group: &Group<'_>,
         own: u8,
         now_ns: u64,
         handler: &mut H,
     ) -> Option<Reply> {
-        let (address, len, ids) = sync_params(params)?;
-        let place = ids.iter().position(|id| *id == own)?;
+        let place = group.place(own)?;
+        let (_, address, len) = group.get(place)?;
         handler.latch(now_ns);
         if handler.read(Register::StatusReturnLevel) < 1 {
             return None;
         }
         let mut data = PacketBuf::new();
-        let result = read(address, len, handler, &mut data);
-        let block = usize::from(len).checked_add(4)?;
+        let result = read(address, len, self.registered.is_some(), handler, &mut data);
+        // Error, id, data and checksum of each.
+        let blocks = |count: usize| {
+            (0..count).try_fold(0_usize, |sum, k| {
+                sum.checked_add(usize::from(group.get(k)?.2))?
+                    .checked_add(4)
+            })
+        };
         let mut part = PacketBuf::new();
         if place == 0 {
-            let length = block.checked_mul(ids.len())?.checked_add(1)?;
+            let length = blocks(group.count())?.checked_add(1)?;
             part = Builder::new(BROADCAST, Instruction::Status)
                 .open_ended(u16::try_from(length).ok()?)
                 .ok()?;
@@ -296,7 +369,7 @@ impl DriverServer {
         let left = if place == 0 {
             0
         } else {
-            block.checked_mul(place)?.checked_add(8)?
+            blocks(place)?.checked_add(8)?
         };
         let deadline_ns = now_ns.saturating_add(SKIP_NS);
         self.turn = Some(Turn::Fast {
@@ -375,155 +448,103 @@ impl Request {
     }
 }
 
-/// Instructions for one driver or all. `None`: no answer.
-fn carry_out<H: DriverHandler>(request: &Request, own: u8, handler: &mut H) -> Option<PacketBuf> {
-    let level = handler.read(Register::StatusReturnLevel);
-    let broadcast = request.id == BROADCAST;
-    let mut data = PacketBuf::new();
-    let (result, needed_level) = match request.instruction {
-        Some(Instruction::Ping) => {
-            let [low, high] = (handler.read(Register::ModelNumber) as u16).to_le_bytes();
-            let version = handler.read(Register::FirmwareVersion) as u8;
-            data.extend_from_slice(&[low, high, version]).ok()?;
-            return status(own, Ok(()), &data, handler);
-        }
-        Some(Instruction::Read) => match request.params.as_slice() {
-            &[a0, a1, l0, l1] => {
-                let len = u16::from_le_bytes([l0, l1]);
-                (
-                    read(u16::from_le_bytes([a0, a1]), len, handler, &mut data),
-                    1,
-                )
+impl Request {
+    /// Whether it names several drivers in its parameters.
+    fn is_for_several(&self) -> bool {
+        matches!(
+            self.instruction,
+            Some(
+                Instruction::SyncRead
+                    | Instruction::FastSyncRead
+                    | Instruction::SyncWrite
+                    | Instruction::BulkRead
+                    | Instruction::FastBulkRead
+                    | Instruction::BulkWrite
+            )
+        )
+    }
+}
+
+impl DriverServer {
+    /// Instructions for one driver or all. `None`: no answer.
+    fn carry_out<H: DriverHandler>(
+        &mut self,
+        request: &Request,
+        own: u8,
+        handler: &mut H,
+    ) -> Option<PacketBuf> {
+        let level = handler.read(Register::StatusReturnLevel);
+        let broadcast = request.id == BROADCAST;
+        let params = request.params.as_slice();
+        let mut data = PacketBuf::new();
+        let (result, needed_level) = match request.instruction {
+            Some(Instruction::Ping) => {
+                let [low, high] = (handler.read(Register::ModelNumber) as u16).to_le_bytes();
+                let version = handler.read(Register::FirmwareVersion) as u8;
+                data.extend_from_slice(&[low, high, version]).ok()?;
+                return status(own, Ok(()), &data, handler);
             }
-            _ => (Err(StatusError::DataLength), 1),
-        },
-        Some(Instruction::Write) => match request.params.split_first_chunk::<2>() {
-            Some((address, bytes)) => (write(u16::from_le_bytes(*address), bytes, handler), 2),
-            None => (Err(StatusError::DataLength), 2),
-        },
-        Some(Instruction::Reboot) => {
-            // The answer is built with what the driver knew before.
-            let answer = status(own, Ok(()), &[], handler);
-            handler.reboot();
-            return answer.filter(|_| level >= 2 && !broadcast);
+            Some(Instruction::Read) => match params {
+                &[a0, a1, l0, l1] => {
+                    let (address, len) =
+                        (u16::from_le_bytes([a0, a1]), u16::from_le_bytes([l0, l1]));
+                    let registered = self.registered.is_some();
+                    (read(address, len, registered, handler, &mut data), 1)
+                }
+                _ => (Err(StatusError::DataLength), 1),
+            },
+            Some(Instruction::Write) => match params.split_first_chunk::<2>() {
+                Some((address, bytes)) => (write(u16::from_le_bytes(*address), bytes, handler), 2),
+                None => (Err(StatusError::DataLength), 2),
+            },
+            Some(Instruction::RegWrite) => (self.register(params, handler), 2),
+            Some(Instruction::Action) => match self.registered.take() {
+                Some((address, bytes)) => (write(address, &bytes, handler), 2),
+                None => (Err(StatusError::Instruction), 2),
+            },
+            Some(Instruction::Clear) if params == CLEAR_TURNS => (handler.clear_turns(), 2),
+            Some(Instruction::Clear) => (Err(StatusError::DataRange), 2),
+            Some(Instruction::Reboot) => {
+                // The answer is built with what the driver knew before.
+                let answer = status(own, Ok(()), &[], handler);
+                self.registered = None;
+                handler.reboot();
+                return answer.filter(|_| level >= 2 && !broadcast);
+            }
+            Some(Instruction::FactoryReset) => {
+                let before = status(own, Ok(()), &[], handler);
+                let keep = Keep::from_params(params, broadcast).ok_or(StatusError::DataRange);
+                match keep.and_then(|keep| handler.factory_reset(keep)) {
+                    Ok(()) => {
+                        self.registered = None;
+                        return before.filter(|_| level >= 2 && !broadcast);
+                    }
+                    Err(error) => (Err(error), 2),
+                }
+            }
+            _ => (Err(StatusError::Instruction), 2),
+        };
+        if broadcast || level < needed_level {
+            return None;
         }
-        _ => (Err(StatusError::Instruction), 2),
-    };
-    if broadcast || level < needed_level {
-        return None;
+        status(own, result, &data, handler)
     }
-    status(own, result, &data, handler)
-}
 
-fn sync_write<H: DriverHandler>(params: &[u8], own: u8, now_ns: u64, handler: &mut H) {
-    let Some((&[a0, a1, l0, l1], entries)) = params.split_first_chunk::<4>() else {
-        return;
-    };
-    let len = usize::from(u16::from_le_bytes([l0, l1]));
-    for entry in entries.chunks_exact(len.saturating_add(1)) {
-        if let Some((id, bytes)) = entry.split_first()
-            && *id == own
-        {
-            handler.latch(now_ns);
-            // A Sync Write is never answered; the refusal shows in the status bits.
-            let _ = write(u16::from_le_bytes([a0, a1]), bytes, handler);
-        }
-    }
-}
-
-fn sync_params(params: &[u8]) -> Option<(u16, u16, &[u8])> {
-    let (&[a0, a1, l0, l1], ids) = params.split_first_chunk::<4>()?;
-    Some((
-        u16::from_le_bytes([a0, a1]),
-        u16::from_le_bytes([l0, l1]),
-        ids,
-    ))
-}
-
-/// Bytes of any range that begins and ends in one part of the table. Addresses without register read 0.
-fn read<H: DriverHandler>(
-    address: u16,
-    len: u16,
-    handler: &mut H,
-    data: &mut PacketBuf,
-) -> Result<(), StatusError> {
-    let end = address.checked_add(len).ok_or(StatusError::Access)?;
-    let inside = end <= X_END || (address >= OWN_START && end <= OWN_END);
-    if len == 0 || !inside {
-        return Err(StatusError::Access);
-    }
-    data.resize(usize::from(len), 0)
-        .map_err(|_| StatusError::DataLength)?;
-    for info in TABLE {
-        let bytes = handler.read(info.register).to_le_bytes();
-        overlay(
-            data,
-            address,
-            info.address,
-            bytes.get(..usize::from(info.len)).unwrap_or(&[]),
-        );
-    }
-    if address < PACKED_FEEDBACK + PACKED_LEN as u16 && end > PACKED_FEEDBACK {
-        overlay(
-            data,
-            address,
-            PACKED_FEEDBACK,
-            &handler.feedback().to_bytes(),
-        );
-    }
-    Ok(())
-}
-
-/// Copies what of `bytes` (at `at`) lies inside `data` (at `address`).
-fn overlay(data: &mut [u8], address: u16, at: u16, bytes: &[u8]) {
-    for (index, byte) in bytes.iter().enumerate() {
-        let place = usize::from(at)
-            .saturating_add(index)
-            .checked_sub(usize::from(address));
-        if let Some(place) = place.and_then(|place| data.get_mut(place)) {
-            *place = *byte;
-        }
-    }
-}
-
-/// Whole registers one after the other; all are checked against the table before the first is written.
-fn write<H: DriverHandler>(address: u16, bytes: &[u8], handler: &mut H) -> Result<(), StatusError> {
-    let torque = handler.read(Register::TorqueEnable) != 0;
-    each_register(address, bytes, |register, value| {
-        let info = register.info();
-        match info.access {
-            Access::Read => Err(StatusError::Access),
-            Access::Eeprom if torque => Err(StatusError::Access),
-            _ if value < info.min || value > info.max => Err(StatusError::DataRange),
-            _ => Ok(()),
-        }
-    })?;
-    each_register(address, bytes, |register, value| {
-        handler.write(register, value)
-    })
-}
-
-fn each_register(
-    address: u16,
-    bytes: &[u8],
-    mut visit: impl FnMut(Register, i32) -> Result<(), StatusError>,
-) -> Result<(), StatusError> {
-    if bytes.is_empty() {
-        return Err(StatusError::DataLength);
-    }
-    let mut at = address;
-    let mut rest = bytes;
-    // Every pass takes at least one byte.
-    while !rest.is_empty() {
-        let register = Register::at(at).ok_or(StatusError::Access)?;
-        let (value, after) = rest
-            .split_at_checked(usize::from(register.size()))
+    /// Keeps a write for the Action that follows. A refused one leaves the one before.
+    fn register<H: DriverHandler>(
+        &mut self,
+        params: &[u8],
+        handler: &H,
+    ) -> Result<(), StatusError> {
+        let (address, bytes) = params
+            .split_first_chunk::<2>()
             .ok_or(StatusError::DataLength)?;
-        visit(register, register.value_of(value))?;
-        at = at.saturating_add(register.size());
-        rest = after;
+        let address = u16::from_le_bytes(*address);
+        check(address, bytes, handler)?;
+        let bytes = Vec::from_slice(bytes).map_err(|_| StatusError::DataLength)?;
+        self.registered = Some((address, bytes));
+        Ok(())
     }
-    Ok(())
 }
 
 fn error_byte<H: DriverHandler>(result: Result<(), StatusError>, handler: &H) -> u8 {

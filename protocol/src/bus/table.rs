@@ -145,7 +145,7 @@ table! {
     Led "LED" 65 1 Ram unsigned [0, 1] = 0;
     /// 0 ping only, 1 ping and read, 2 every instruction.
     StatusReturnLevel "Status Return Level" 68 1 Ram unsigned [0, 2] = 2;
-    /// Always 0.
+    /// 1 = a Reg Write waits for its Action.
     RegisteredInstruction "Registered Instruction" 69 1 Read unsigned [0, 1] = 0;
     /// Bits as in [`Register::Shutdown`]; latched until a reboot.
     HardwareError "Hardware Error Status" 70 1 Read unsigned [0, 255] = 0;

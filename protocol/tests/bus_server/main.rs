@@ -1,9 +1,13 @@
 //! Driver servers and the master on one simulated bus: who answers what, and when.
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
+#[path = "../common/mod.rs"]
 mod common;
+mod several;
 
 use common::*;
+use protocol::bus::indirect::Indirect;
+use protocol::bus::server::Keep;
 use protocol::bus::table::{self, Access};
 use protocol::bus::*;
 
@@ -16,6 +20,9 @@ struct Driver {
     latched_ns: Vec<u64>,
     refuse: bool,
     reboots: u32,
+    indirect: Option<Indirect>,
+    resets: Vec<Keep>,
+    turns: i32,
 }
 
 impl Driver {
@@ -29,6 +36,9 @@ impl Driver {
             latched_ns: vec![],
             refuse: false,
             reboots: 0,
+            indirect: None,
+            resets: vec![],
+            turns: 3,
         }
     }
 }
@@ -54,6 +64,20 @@ impl DriverHandler for Driver {
     fn reboot(&mut self) {
         self.reboots += 1;
         self.registers.restart();
+    }
+    fn indirect(&self) -> Option<&Indirect> {
+        self.indirect.as_ref()
+    }
+    fn set_indirect(&mut self, map: Indirect) {
+        self.indirect = Some(map);
+    }
+    fn factory_reset(&mut self, keep: Keep) -> Result<(), StatusError> {
+        self.resets.push(keep);
+        Ok(())
+    }
+    fn clear_turns(&mut self) -> Result<(), StatusError> {
+        self.turns = 0;
+        Ok(())
     }
 }
 
@@ -296,7 +320,7 @@ fn access_range_length_and_limit_errors() {
         let writes = bus.driver(1).writes.len();
         (StatusError::from_byte(heard[8]), writes)
     };
-    use Instruction::{Clear, FactoryReset, Read, RegWrite, Write};
+    use Instruction::{Action, Read, Write};
     let cases: &[(&str, Instruction, &[u8], Option<StatusError>)] = &[
         (
             "read only",
@@ -366,21 +390,9 @@ fn access_range_length_and_limit_errors() {
         ),
         ("short", Read, &[0, 0, 1], Some(StatusError::DataLength)),
         (
-            "factory reset",
-            FactoryReset,
-            &[0xFF],
-            Some(StatusError::Instruction),
-        ),
-        (
-            "clear",
-            Clear,
-            &[1, 0x44, 0x58, 0x4C, 0x22],
-            Some(StatusError::Instruction),
-        ),
-        (
-            "reg write",
-            RegWrite,
-            &[116, 0, 0, 0, 0, 0],
+            "action without reg write",
+            Action,
+            &[],
             Some(StatusError::Instruction),
         ),
         ("everything of the X series", Read, &[0, 0, 148, 0], None),
