@@ -7,10 +7,12 @@
 use heapless::Vec;
 
 use super::feedback::{PACKED_LEN, PackedFeedback};
+use super::feetech;
 use super::packet::{
     ALERT, BROADCAST, Builder, Instruction, MAX_PACKET, PacketBuf, Parser, ParserCounters,
     StatusError, TooLong,
 };
+use super::profile::Framing;
 use super::server::SKIP_NS;
 use super::table::{PACKED_FEEDBACK, Register};
 
@@ -19,7 +21,7 @@ pub const MAX_DRIVERS: usize = 12;
 
 /// Who answers a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Answers {
+pub(super) enum Answers {
     /// Nobody.
     None,
     /// Each listed driver, a packet each.
@@ -34,6 +36,7 @@ enum Answers {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Request {
     bytes: PacketBuf,
+    framing: Framing,
     answers: Answers,
     ids: Vec<u8, MAX_DRIVERS>,
     data_len: u16,
@@ -188,13 +191,31 @@ impl Request {
         data_len: u16,
     ) -> Result<Self, TooLong> {
         let ids = Vec::from_slice(ids).map_err(|_| TooLong)?;
+        Self::of_packet(
+            builder.finish()?,
+            Framing::Dynamixel2,
+            answers,
+            ids,
+            data_len,
+        )
+    }
+
+    /// A request from its packet and what it expects back.
+    pub(super) fn of_packet(
+        bytes: PacketBuf,
+        framing: Framing,
+        answers: Answers,
+        ids: Vec<u8, MAX_DRIVERS>,
+        data_len: u16,
+    ) -> Result<Self, TooLong> {
         let request = Self {
-            bytes: builder.finish()?,
+            bytes,
+            framing,
             answers,
             ids,
             data_len,
         };
-        if request.longest_answer() > MAX_PACKET {
+        if request.longest_answer() > longest(framing) {
             Err(TooLong)
         } else {
             Ok(request)
@@ -225,7 +246,10 @@ impl Request {
         let data = usize::from(self.data_len);
         match self.answers {
             Answers::None => 0,
-            Answers::Each => self.ids.len().saturating_mul(data.saturating_add(11)),
+            Answers::Each => self
+                .ids
+                .len()
+                .saturating_mul(data.saturating_add(overhead(self.framing))),
             Answers::Together => self
                 .ids
                 .len()
@@ -255,10 +279,29 @@ impl Request {
         // Stuffing adds a byte per three.
         let answer = match self.answers {
             Answers::None => 0,
+            Answers::Each if self.framing == Framing::Feetech => {
+                data.saturating_add(overhead(self.framing))
+            }
             Answers::Each | Answers::Anyone => data.saturating_add(data / 3).saturating_add(12),
             Answers::Together => self.answer_bytes(),
         };
         answer.max(self.bytes.len())
+    }
+}
+
+/// Bytes of an answer beside its data.
+fn overhead(framing: Framing) -> usize {
+    match framing {
+        Framing::Dynamixel2 => 11,
+        Framing::Feetech => 6,
+    }
+}
+
+/// Longest packet that the parser of a framing takes.
+fn longest(framing: Framing) -> usize {
+    match framing {
+        Framing::Dynamixel2 => MAX_PACKET,
+        Framing::Feetech => feetech::MAX_PACKET,
     }
 }
 
@@ -309,10 +352,18 @@ pub struct ExchangeCounters {
     pub wrong_length: u32,
 }
 
+/// Finds packets of one framing.
+#[derive(Debug, Clone)]
+#[allow(clippy::large_enum_variant, reason = "no heap to box into")]
+enum Frames {
+    Dynamixel(Parser),
+    Feetech(feetech::Parser),
+}
+
 /// Collects the answers to one request.
 #[derive(Debug, Clone)]
 pub struct Exchange {
-    parser: Parser,
+    frames: Frames,
     request: Request,
     /// Bit k: `ids[k]` has answered.
     seen: u16,
@@ -328,14 +379,31 @@ struct Found {
     error: u8,
 }
 
+/// A packet that came back.
+#[allow(clippy::large_enum_variant, reason = "no heap to box into")]
+enum Heard {
+    /// The own request.
+    Echo,
+    /// Another request.
+    Foreign,
+    /// An answer; `raw` are the parameters as received, of a common answer alone.
+    Answer { id: u8, error: u8, raw: PacketBuf },
+}
+
 impl Exchange {
     /// Begins to listen.
     #[must_use]
     pub fn new(request: Request) -> Self {
-        let mut parser = Parser::new();
-        parser.set_longest(request.longest_answer());
+        let frames = match request.framing {
+            Framing::Dynamixel2 => {
+                let mut parser = Parser::new();
+                parser.set_longest(request.longest_answer());
+                Frames::Dynamixel(parser)
+            }
+            Framing::Feetech => Frames::Feetech(feetech::Parser::new()),
+        };
         Self {
-            parser,
+            frames,
             request,
             seen: 0,
             data: PacketBuf::new(),
@@ -352,12 +420,18 @@ impl Exchange {
 
     /// Takes one byte. Then call [`Exchange::next_answer`] until it returns `None`.
     pub fn push(&mut self, byte: u8) {
-        self.parser.push(byte);
+        match &mut self.frames {
+            Frames::Dynamixel(parser) => parser.push(byte),
+            Frames::Feetech(parser) => parser.push(byte),
+        }
     }
 
     /// The time is over: searches what is left for packets behind a damaged one. Then call [`Exchange::next_answer`] until it returns `None`.
     pub fn finish(&mut self) {
-        self.parser.end();
+        match &mut self.frames {
+            Frames::Dynamixel(parser) => parser.end(),
+            Frames::Feetech(parser) => parser.end(),
+        }
     }
 
     /// The next answer, if there is one.
@@ -400,7 +474,10 @@ impl Exchange {
     /// What the parser threw away.
     #[must_use]
     pub fn parser_counters(&self) -> &ParserCounters {
-        self.parser.counters()
+        match &self.frames {
+            Frames::Dynamixel(parser) => parser.counters(),
+            Frames::Feetech(parser) => parser.counters(),
+        }
     }
 
     fn find(&mut self) -> Option<Found> {
@@ -412,29 +489,69 @@ impl Exchange {
                 }
                 continue;
             }
-            let packet = self.parser.next_packet()?;
-            let Some((error, data)) = packet.status() else {
-                let counter = if packet.bytes == self.request.bytes.as_slice() {
-                    &mut self.counters.echoes
-                } else {
-                    &mut self.counters.foreign
-                };
-                *counter = counter.saturating_add(1);
-                continue;
+            let (id, error, raw) = match self.next_status()? {
+                Heard::Answer { id, error, raw } => (id, error, raw),
+                Heard::Echo => {
+                    self.counters.echoes = self.counters.echoes.saturating_add(1);
+                    continue;
+                }
+                Heard::Foreign => {
+                    self.counters.foreign = self.counters.foreign.saturating_add(1);
+                    continue;
+                }
             };
-            if self.request.answers == Answers::Together && packet.id == BROADCAST {
-                self.together.clear();
-                let _ = self.together.extend_from_slice(packet.raw_params);
+            if self.request.answers == Answers::Together && id == BROADCAST {
+                self.together = raw;
                 continue;
             }
-            let id = packet.id;
-            self.data.clear();
-            let _ = self.data.extend_from_slice(data);
             if self.accept(id, error) {
                 return Some(Found { id, error });
             }
         }
         None
+    }
+
+    /// The next packet; the data of an answer is in hand after it.
+    fn next_status(&mut self) -> Option<Heard> {
+        let mut raw = PacketBuf::new();
+        match &mut self.frames {
+            Frames::Dynamixel(parser) => {
+                let packet = parser.next_packet()?;
+                let Some((error, data)) = packet.status() else {
+                    return Some(if packet.bytes == self.request.bytes.as_slice() {
+                        Heard::Echo
+                    } else {
+                        Heard::Foreign
+                    });
+                };
+                self.data.clear();
+                let _ = self.data.extend_from_slice(data);
+                if self.request.answers == Answers::Together {
+                    let _ = raw.extend_from_slice(packet.raw_params);
+                }
+                Some(Heard::Answer {
+                    id: packet.id,
+                    error,
+                    raw,
+                })
+            }
+            Frames::Feetech(parser) => {
+                let packet = parser.next_packet()?;
+                // An answer has the form of a request: only the bytes tell the echo.
+                if packet.bytes == self.request.bytes.as_slice() {
+                    return Some(Heard::Echo);
+                }
+                self.data.clear();
+                let _ = self.data.extend_from_slice(packet.params);
+                // Its bits are states of the hardware; the data is good beside them.
+                let error = if packet.code == 0 { 0 } else { ALERT };
+                Some(Heard::Answer {
+                    id: packet.id,
+                    error,
+                    raw,
+                })
+            }
+        }
     }
 
     /// Takes the next driver's part off a common answer: error, id, data, crc (the last one without crc).

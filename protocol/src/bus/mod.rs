@@ -1,7 +1,8 @@
-//! Motor bus: Dynamixel Protocol 2.0 over RS485, 1 Mbaud 8N1, half duplex.
+//! Motor bus: Dynamixel Protocol 2.0, or Feetech's protocol, over RS485, 1 Mbaud 8N1, half duplex.
 //!
 //! * [`packet`]: packets, byte stuffing, the parser that resynchronises.
 //! * [`profile`]: what differs between families of drivers, ours and off-the-shelf ones.
+//! * [`feetech`]: packets of Feetech servos.
 //! * [`table`]: the control table, X-series addresses plus our own block.
 //! * [`feedback`]: the packed block that is read every cycle.
 //! * [`server`]: driver side, over [`server::DriverHandler`].
@@ -12,10 +13,12 @@
 
 mod access;
 pub mod feedback;
+pub mod feetech;
 pub mod field;
 mod group;
 pub mod indirect;
 pub mod master;
+mod orders;
 pub mod packet;
 pub mod profile;
 pub mod server;

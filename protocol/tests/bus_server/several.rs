@@ -117,7 +117,7 @@ fn a_registered_write_waits_for_its_action() {
         [(1, 0, vec![1])]
     );
     assert_eq!(bus.driver(1).writes, []);
-    // A refused one is told at once and leaves the first.
+    // A refused one is answered at once and leaves the first.
     for (params, error) in [
         (&[132, 0, 1, 0, 0, 0][..], 7),
         (&[84, 0, 0x20, 0x4E], 4),
