@@ -13,6 +13,7 @@ use control::robot::RobotModel;
 use control::supervisor::{
     Command, Event as SupervisorEvent, Supervisor, SupervisorParams, Transition,
 };
+use protocol::bus::Profile;
 use protocol::link::message::MAX_BUS_BYTES;
 use protocol::link::telemetry::SampleLog;
 use protocol::link::{
@@ -78,6 +79,10 @@ pub(crate) enum Job {
         link: usize,
         key: Key,
     },
+    SetDrivers {
+        link: usize,
+        profile: Profile,
+    },
 }
 
 /// A raw packet of a host for the motor bus.
@@ -95,6 +100,7 @@ pub(crate) struct BusJob {
 pub(crate) struct Settings {
     pub key: Option<Key>,
     pub active: Option<u8>,
+    pub drivers: Profile,
 }
 
 /// Counts since boot that no other part keeps.
@@ -229,6 +235,7 @@ impl Core {
             settings: Settings {
                 key: None,
                 active: None,
+                drivers: Profile::Packed,
             },
             job: None,
             bus_job: None,

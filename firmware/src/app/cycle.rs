@@ -286,6 +286,8 @@ impl Core {
     fn follow(&mut self, motion: Motion, output: &CycleOutput) {
         let values = output.set_point_rad;
         let mut goals = Values::new();
+        let info = self.motors.info();
+        let mut out_of_range = false;
         for (index, ((motor, id), angle_rad)) in self
             .motors
             .iter_mut()
@@ -296,13 +298,18 @@ impl Core {
             // Not to a driver that lost its zero, its torque or its voice.
             let homed = self.supervisor.homed_mask() >> index & 1 != 0;
             let fit = motor.present() && motor.torque() == Some(true) && homed;
-            let raw = motor.to_wire(angle_rad);
+            let raw = motor.to_wire(info, angle_rad);
+            out_of_range |= fit && raw.is_none();
             if let Some(raw) = raw.filter(|_| fit) {
                 motor.note_sent(raw);
                 let _ = goals.push((id, raw));
             }
         }
         self.out.goals = goals;
+        if out_of_range {
+            // A servo of one turn cannot follow where this gait goes.
+            self.fault_in_motion(Fault::BadSetPoint);
+        }
         if let Some(blocked) = output.blocked {
             self.event(EventKind::Hold {
                 body_a: blocked.pair.first,

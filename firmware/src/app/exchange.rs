@@ -2,24 +2,28 @@
 //!
 //! ```text
 //! control cycle   read all ─▶ read again who is missing (2 x) ─▶ error register of who complains ─▶ decide ─▶
-//!                 settings of new drivers ─▶ torque where it differs ─▶ set-points ─▶ a host's raw packet (not in motion)
+//!                 drivers that come into use ─▶ settings of new drivers ─▶ torque where it differs ─▶ set-points ─▶
+//!                 a host's raw packet (not in motion)
 //! reading         read all
 //! ```
 //!
-//! Every phase is entered at most once per cycle, so the number of packets is bounded: at most 10, and with all six
-//! drivers silent the three tries take 18.3 ms of the 50.
+//! Every phase is entered a bounded number of times per cycle, so the number of packets is bounded: at most 10, and with all
+//! six drivers silent the three tries take 18.3 ms of the 50. Servos that come into use (not ours, not in motion) take
+//! [`SETUP_PACKETS`] more; a series without Sync Read is read one by one.
 
 use super::core::Core;
 use super::motors::Motor;
+use super::setup::Setup;
 use super::timing::Slot;
 use crate::ports::PortError;
 use crate::tasks::BUS_BUFFER;
 use control::robot::JOINTS;
 use control::supervisor::Fault;
 use heapless::Vec;
+use protocol::bus::profile::WATCHDOG_COUNTS;
 use protocol::bus::server::SKIP_NS;
-use protocol::bus::{Exchange, PackedFeedback, Register, Request};
-use protocol::link::{BusAnswer, BusStatus, Completed, Reject};
+use protocol::bus::{Exchange, Field, ProfileInfo, Request};
+use protocol::link::{BusAnswer, BusStatus, Completed, EventKind, Reject};
 
 /// Tries of the cyclic read: one wrong byte in 10^4 loses both of two tries once in 10^5 cycles, all three never in a day.
 const TRIES: u8 = 3;
@@ -27,8 +31,8 @@ const TRIES: u8 = 3;
 const ANSWER_SLACK_US: u64 = 500;
 /// Longest part of a raw listening that one cycle spends, us.
 const LISTEN_SLICE_US: u64 = 30_000;
-/// Bus watchdog of the drivers, 20 ms per count: 160 ms, three missed cycles.
-const BUS_WATCHDOG_COUNTS: i32 = 8;
+/// Packets of one cycle for drivers that come into use: 12 of at most 1.7 ms leave more than half of the cycle.
+const SETUP_PACKETS: u8 = 12;
 /// Times that torque-off is repeated to drivers that cannot confirm it.
 pub(crate) const OFF_REPEATS: u8 = 3;
 
@@ -52,9 +56,16 @@ pub enum Step {
 /// Where in the cycle the bus is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
-    Read { tries: u8 },
+    /// `asked`: drivers read one by one in this try.
+    Read {
+        tries: u8,
+        asked: u8,
+    },
     Errors,
     Decide,
+    Setup {
+        packets: u8,
+    },
     WatchdogOff,
     WatchdogOn,
     GoalHere,
@@ -76,6 +87,10 @@ pub struct Master {
     /// Drivers whose error register is to be read.
     ask_errors: u8,
     asking: Option<usize>,
+    /// Driver that the present exchange brings into use.
+    setting_up: Option<usize>,
+    /// Joint whose turn it is to come into use.
+    setup_turn: usize,
     configure: u8,
     off_repeats: u8,
     garbage_cycles: u8,
@@ -97,6 +112,8 @@ impl Master {
             request_len: 0,
             ask_errors: 0,
             asking: None,
+            setting_up: None,
+            setup_turn: 0,
             configure: 0,
             off_repeats: OFF_REPEATS,
             garbage_cycles: 0,
@@ -114,14 +131,14 @@ impl Master {
         self.phase = if listening {
             Phase::Raw
         } else {
-            Phase::Read { tries: 0 }
+            Phase::Read { tries: 0, asked: 0 }
         };
     }
 
     /// The next packet of this cycle.
     pub(crate) fn next(&mut self, core: &mut Core, tx: &mut [u8; BUS_BUFFER], now_us: u64) -> Step {
         self.close(core);
-        // Every pass moves to a later phase; a read phase comes at most three times.
+        // Every pass moves to a later phase or takes a driver off a list; a read phase comes at most three times.
         while self.phase != Phase::Done {
             let request = self.advance(core);
             if let Some(request) = request {
@@ -136,25 +153,32 @@ impl Master {
 
     /// Builds the packet of the present phase, if it needs one, and moves on.
     fn advance(&mut self, core: &mut Core) -> Option<Request> {
+        let info = core.motors.info();
         let (request, next) = match self.phase {
-            Phase::Read { tries } => return self.read(core, tries),
-            Phase::Errors => return self.read_error(),
+            Phase::Read { tries, asked } => return self.read(core, tries, asked),
+            Phase::Errors => return self.read_error(info),
+            Phase::Setup { packets } => return self.set_up(core, packets),
             Phase::Decide => {
                 core.decide();
                 if core.command().torque {
                     self.off_repeats = OFF_REPEATS;
                 }
-                (None, Phase::WatchdogOff)
+                let packets = if core.command().torque {
+                    0
+                } else {
+                    SETUP_PACKETS
+                };
+                (None, Phase::Setup { packets })
             }
             Phase::WatchdogOff => {
                 self.configure = 0;
                 if !core.command().torque {
                     self.configure = core.motors.mask(Motor::needs_settings);
                 }
-                (self.watchdog(0), Phase::WatchdogOn)
+                (self.watchdog(info, 0), Phase::WatchdogOn)
             }
             Phase::WatchdogOn => {
-                let request = self.watchdog(BUS_WATCHDOG_COUNTS);
+                let request = self.watchdog(info, i32::from(WATCHDOG_COUNTS));
                 for motor in core.motors.iter_mut().filter(|_| request.is_some()) {
                     motor.settings_sent();
                 }
@@ -166,10 +190,10 @@ impl Master {
                 } else {
                     Vec::new()
                 };
-                (sync_write(Register::GoalAngle, &goals), Phase::Torque)
+                (set_points(info, &goals), Phase::Torque)
             }
             Phase::Torque => (self.torque(core), Phase::SetPoints),
-            Phase::SetPoints => (sync_write(Register::GoalAngle, &core.goals()), Phase::Raw),
+            Phase::SetPoints => (set_points(info, &core.goals()), Phase::Raw),
             Phase::Raw | Phase::Done => (None, self.phase),
         };
         self.phase = next;
@@ -179,7 +203,7 @@ impl Master {
         request
     }
 
-    fn read(&mut self, core: &Core, tries: u8) -> Option<Request> {
+    fn read(&mut self, core: &Core, tries: u8, asked: u8) -> Option<Request> {
         let last = match self.slot {
             Slot::Control => TRIES,
             Slot::Reading => 1,
@@ -192,31 +216,51 @@ impl Master {
             self.phase = next;
             return None;
         }
-        self.phase = Phase::Read { tries: tries + 1 };
         // Present ones first: a silent driver delays those behind it. Absent ones are asked once per cycle.
-        let wanted = |motor: &&Motor| !motor.answered();
-        let mut ids: Vec<u8, JOINTS> = Vec::new();
-        let present = core
-            .motors
-            .iter()
-            .zip(FIRST_ID..)
-            .filter(|(m, _)| wanted(m) && m.present());
-        let absent = core
-            .motors
-            .iter()
-            .zip(FIRST_ID..)
-            .filter(|(m, _)| wanted(m) && !m.present() && tries == 0);
-        for (_, id) in present.chain(absent) {
-            let _ = ids.push(id);
+        let mut joints: Vec<usize, JOINTS> = Vec::new();
+        for present in [true, false] {
+            let wanted = core.motors.iter().enumerate().filter(|(_, motor)| {
+                let turn = motor.present() == present && (present || tries == 0);
+                turn && motor.ready() && !motor.answered()
+            });
+            for (joint, _) in wanted {
+                // At most one per joint.
+                let _ = joints.push(joint);
+            }
         }
-        if ids.is_empty() {
-            self.phase = next;
+        let info = core.motors.info();
+        let tries_next = tries.saturating_add(1);
+        if info.sync_read {
+            self.phase = Phase::Read {
+                tries: tries_next,
+                asked: 0,
+            };
+        } else {
+            // One after the other: each pass adds one to `asked`, and with all asked the try is over.
+            joints.retain(|joint| asked >> joint & 1 == 0);
+            joints.truncate(1);
+            self.phase = match joints.first() {
+                Some(joint) => Phase::Read {
+                    tries,
+                    asked: asked | 1 << joint,
+                },
+                None => Phase::Read {
+                    tries: tries_next,
+                    asked: 0,
+                },
+            };
+        }
+        if joints.is_empty() {
+            if info.sync_read {
+                self.phase = next;
+            }
             return None;
         }
-        Request::feedback(&ids).ok()
+        let ids: Vec<u8, JOINTS> = joints.iter().map(|joint| id_of(*joint)).collect();
+        info.read_feedback(&ids).ok()
     }
 
-    fn read_error(&mut self) -> Option<Request> {
+    fn read_error(&mut self, info: &ProfileInfo) -> Option<Request> {
         let joint = (0..JOINTS).find(|joint| self.ask_errors >> joint & 1 != 0);
         let Some(joint) = joint else {
             self.phase = Phase::Decide;
@@ -225,22 +269,59 @@ impl Master {
         // The phase stays: each pass takes one driver off the list.
         self.ask_errors &= !(1 << joint);
         self.asking = Some(joint);
-        let register = Register::HardwareError;
-        Request::read(id_of(joint), register.address(), register.size()).ok()
+        info.read_field(id_of(joint), &info.hardware_error).ok()
     }
 
-    fn watchdog(&self, counts: i32) -> Option<Request> {
+    /// The next packet for a driver that comes into use. Every pass takes one off the packets of this cycle, and a joint its turn.
+    fn set_up(&mut self, core: &mut Core, packets: u8) -> Option<Request> {
+        let due = |joint: &usize| {
+            let motor = core.motors.get(*joint);
+            motor.is_some_and(|motor| motor.setup().is_due())
+        };
+        let first = self.setup_turn;
+        let joint = (0..JOINTS)
+            .map(|k| first.wrapping_add(k) % JOINTS)
+            .find(due)
+            .filter(|_| packets > 0);
+        let Some(joint) = joint else {
+            self.phase = Phase::WatchdogOff;
+            return None;
+        };
+        self.phase = Phase::Setup {
+            packets: packets.saturating_sub(1),
+        };
+        self.setup_turn = joint.wrapping_add(1) % JOINTS;
+        let info = core.motors.info();
+        let motor = core.motors.get_mut(joint)?;
+        let request = motor.setup().request(info, id_of(joint));
+        self.setting_up = Some(joint);
+        let next = motor.setup().sent();
+        self.step_up(core, joint, next);
+        request
+    }
+
+    fn step_up(&mut self, core: &mut Core, joint: usize, setup: Setup) {
+        // Joints are 0..6.
+        let number = joint as u8;
+        let wrong = core
+            .motors
+            .get_mut(joint)
+            .and_then(|motor| motor.set_setup(number, setup));
+        if let Some(wrong) = wrong {
+            core.event(EventKind::WrongDriver(wrong));
+        }
+    }
+
+    fn watchdog(&self, info: &ProfileInfo, counts: i32) -> Option<Request> {
         let values = ids_of(self.configure).map(|id| (id, counts));
-        sync_write(Register::BusWatchdog, &collect(values))
+        sync_write(info, info.watchdog.as_ref()?, &collect(values))
     }
 
     fn torque(&mut self, core: &Core) -> Option<Request> {
+        let info = core.motors.info();
         if core.wants_torque_on() {
             let off = core.motors.mask(|motor| motor.torque() == Some(false));
-            return sync_write(
-                Register::TorqueEnable,
-                &collect(ids_of(off).map(|id| (id, 1))),
-            );
+            return sync_write(info, &info.torque, &collect(ids_of(off).map(|id| (id, 1))));
         }
         if core.command().torque {
             return None;
@@ -250,8 +331,10 @@ impl Master {
             return None;
         }
         self.off_repeats = self.off_repeats.saturating_sub(1);
-        let all = (0..JOINTS).map(|joint| (id_of(joint), 0));
-        sync_write(Register::TorqueEnable, &collect(all))
+        // Nobody that is known to be of another kind is written to.
+        let wrong = core.motors.mask(|motor| motor.wrong(0).is_some());
+        let known = ids_of(!wrong).map(|id| (id, 0));
+        sync_write(info, &info.torque, &collect(known))
     }
 
     fn send(&mut self, request: Request, tx: &mut [u8; BUS_BUFFER], now_us: u64) -> Step {
@@ -364,22 +447,37 @@ impl Master {
         let Some(exchange) = self.exchange.as_mut() else {
             return false;
         };
+        let info = core.motors.info();
+        let mut setup = None;
         while let Some(answer) = exchange.next_answer() {
             let joint = usize::from(answer.id.wrapping_sub(FIRST_ID));
             if let Some(asking) = self.asking {
-                let bits = answer.value(Register::HardwareError).unwrap_or(0);
+                let bits = info.hardware_error.value_of(answer.data);
                 core.hardware_error(asking, bits as u8);
                 continue;
             }
-            let feedback: Option<PackedFeedback> = answer.feedback();
-            if let Some(feedback) = feedback {
+            if let Some(joint) = self.setting_up {
+                let data = answer.error.is_none().then_some(answer.data);
+                let motor = core.motors.get(joint);
+                setup = motor.map(|motor| (joint, motor.setup().answered(info, data)));
+                continue;
+            }
+            if let Some(feedback) = info.decode(answer.data, self.latched_us) {
                 self.garbage_cycles = 0;
                 if core.absorb(joint, feedback, self.latched_us) {
                     self.ask_errors |= 1 << (joint & 7);
                 }
+            } else if answer.error.is_some()
+                && let Some(motor) = core.motors.get_mut(joint)
+            {
+                motor.suspect();
             }
         }
-        exchange.is_complete()
+        let complete = exchange.is_complete();
+        if let Some((joint, setup)) = setup {
+            self.step_up(core, joint, setup);
+        }
+        complete
     }
 
     /// The waiting time is over.
@@ -401,13 +499,14 @@ impl Master {
         let Some(exchange) = self.exchange.take() else {
             return;
         };
+        let setting_up = self.setting_up.take().is_some();
         let missing = exchange.missing().filter(|id| {
             core.motors
                 .get(usize::from(id.wrapping_sub(FIRST_ID)))
                 .is_some_and(Motor::present)
         });
         let missing = missing.count() as u32;
-        if exchange.request().is_answered() {
+        if exchange.request().is_answered() && !setting_up {
             core.counts.bus_timeouts = core.counts.bus_timeouts.saturating_add(missing);
         }
         let parser = exchange.parser_counters();
@@ -469,10 +568,18 @@ pub(crate) fn collect(values: impl Iterator<Item = (u8, i32)>) -> Values {
     list
 }
 
-fn sync_write(register: Register, values: &Values) -> Option<Request> {
+fn sync_write(info: &ProfileInfo, field: &Field, values: &Values) -> Option<Request> {
     if values.is_empty() {
         None
     } else {
-        Request::sync_write(register, values).ok()
+        info.sync_write(field, values).ok()
+    }
+}
+
+fn set_points(info: &ProfileInfo, goals: &Values) -> Option<Request> {
+    if goals.is_empty() {
+        None
+    } else {
+        info.set_points(goals).ok()
     }
 }

@@ -15,6 +15,7 @@ pub mod motors;
 pub mod outbox;
 pub mod run;
 pub mod session;
+pub mod setup;
 pub mod storage;
 pub mod timing;
 

@@ -3,9 +3,11 @@
 //! A CRC-16 lets one wrong frame through every few hours on a noisy wire, so no reading is believed on its checksum
 //! alone: each must fit the one before. What does not fit becomes a [`Finding`], never a command.
 
+use super::setup::Setup;
 use control::robot::{JOINTS, RobotModel};
-use protocol::bus::PackedFeedback;
 use protocol::bus::feedback::status;
+use protocol::bus::{PackedFeedback, Profile, ProfileInfo};
+use protocol::link::WrongDriver;
 use protocol::units;
 
 /// Cycles without an answer after which a driver counts as lost: its own bus watchdog trips at the same time.
@@ -118,11 +120,16 @@ pub struct Motor {
     answered: bool,
     /// Watchdog and delays are to be written before the next torque.
     configure: bool,
+    setup: Setup,
+    /// What was last said about it being wrong.
+    noted: Option<(u16, u16)>,
 }
 
 impl Motor {
-    const fn new() -> Self {
+    const fn new(setup: Setup) -> Self {
         Self {
+            setup,
+            noted: None,
             last: None,
             last_us: 0,
             zero_urad: 0,
@@ -150,6 +157,15 @@ impl Motor {
             // Room for one of each kind.
             let _ = findings.push(finding);
         };
+        if feedback.status & status::RESTARTED != 0 {
+            // Its settings are gone, and what the block holds is no reading.
+            if self.last.is_some() {
+                find(Finding::Reset);
+            }
+            self.forget();
+            self.setup = Setup::Model;
+            return findings;
+        }
         let reset = self.last.is_some_and(|last| last.boots != feedback.boots);
         if reset {
             find(Finding::Reset);
@@ -312,11 +328,58 @@ impl Motor {
         }
     }
 
-    /// What to send for an angle in the joint's frame; `None` when it is not finite or out of range.
+    /// What to send for an angle in the joint's frame; `None` when it is not finite or beyond what a driver of this profile takes.
     #[must_use]
-    pub fn to_wire(&self, angle_rad: f32) -> Option<i32> {
+    pub fn to_wire(&self, info: &ProfileInfo, angle_rad: f32) -> Option<i32> {
         let raw = units::urad_from_rad(angle_rad)?.checked_add(self.zero_urad)?;
-        (raw.unsigned_abs() <= units::MAX_ANGLE_URAD.unsigned_abs()).then_some(raw)
+        info.goal_counts(raw).map(|_| raw)
+    }
+
+    /// Whether it is of the profile and has its settings.
+    #[must_use]
+    pub fn ready(&self) -> bool {
+        self.setup == Setup::Ready
+    }
+
+    /// How far it is in coming into use.
+    #[must_use]
+    pub fn setup(&self) -> Setup {
+        self.setup
+    }
+
+    /// A step of coming into use. A driver found wrong comes back once for each way to be wrong.
+    pub fn set_setup(&mut self, joint: u8, setup: Setup) -> Option<WrongDriver> {
+        self.setup = setup;
+        let wrong = self.wrong(joint)?;
+        let noted = Some((wrong.model, wrong.address));
+        let new = self.noted != noted;
+        self.noted = noted;
+        new.then_some(wrong)
+    }
+
+    /// A driver of ours would have answered the cyclic read: this one did with an error. Its model is to be read.
+    pub fn suspect(&mut self) {
+        if self.setup == Setup::Ready && !self.present() {
+            self.setup = Setup::Model;
+        }
+    }
+
+    /// In what it is wrong, if it is.
+    #[must_use]
+    pub fn wrong(&self, joint: u8) -> Option<WrongDriver> {
+        match self.setup {
+            Setup::WrongModel { model } => Some(WrongDriver {
+                joint,
+                model,
+                address: 0,
+            }),
+            Setup::WrongSetting { address } => Some(WrongDriver {
+                joint,
+                model: 0,
+                address,
+            }),
+            _ => None,
+        }
     }
 
     /// Notes that a set-point went out, driver's frame.
@@ -383,9 +446,10 @@ impl Motor {
     }
 }
 
-/// The six drivers, by joint.
+/// The drivers, by joint.
 #[derive(Debug)]
 pub struct Motors {
+    info: &'static ProfileInfo,
     motors: [Motor; JOINTS],
 }
 
@@ -396,12 +460,35 @@ impl Default for Motors {
 }
 
 impl Motors {
-    /// None seen.
+    /// None seen; of our own profile.
     #[must_use]
     pub const fn new() -> Self {
         Self {
-            motors: [const { Motor::new() }; JOINTS],
+            info: Profile::Packed.info(),
+            motors: [const { Motor::new(Setup::Ready) }; JOINTS],
         }
+    }
+
+    /// Goes over to another profile: none seen.
+    pub fn use_profile(&mut self, profile: Profile) {
+        self.info = profile.info();
+        for motor in &mut self.motors {
+            *motor = Motor::new(Setup::begin(self.info));
+        }
+    }
+
+    /// What is driven.
+    #[must_use]
+    pub fn info(&self) -> &'static ProfileInfo {
+        self.info
+    }
+
+    /// Drivers of another profile, and those that do not take their settings.
+    pub fn wrong(&self) -> impl Iterator<Item = WrongDriver> {
+        self.motors
+            .iter()
+            .zip(0..)
+            .filter_map(|(motor, joint)| motor.wrong(joint))
     }
 
     /// The driver of a joint.

@@ -9,13 +9,14 @@ use control::gait::Gait;
 use control::motion::RetargetError;
 use control::supervisor::{Event as SupervisorEvent, Order};
 use heapless::Vec;
+use protocol::bus::Profile;
 use protocol::link::event::Event;
 use protocol::link::message::MAX_EVENTS;
 use protocol::link::status::MAX_FIRMWARE_ID;
 use protocol::link::{
-    ALL_JOINTS, BusAnswer, Counters, CrashRecord, Digest, EventKind, GaitReject, Hello, Info, Key,
-    MAX_SLOTS, ModuleHandler, ModuleState, Nonce, Outcome, Reject, ResetCause, SampleBlock,
-    SlotInfo, StartOrder, StorageFault, StoredGait, TelemetryRate, VERSION, WireGait,
+    ALL_JOINTS, BusAnswer, Counters, CrashRecord, Digest, Drivers, EventKind, GaitReject, Hello,
+    Info, Key, MAX_SLOTS, ModuleHandler, ModuleState, Nonce, Outcome, Reject, ResetCause,
+    SampleBlock, SlotInfo, StartOrder, StorageFault, StoredGait, TelemetryRate, VERSION, WireGait,
 };
 
 /// Longest time a raw bus packet listens, ms.
@@ -221,6 +222,9 @@ impl ModuleHandler for Visitor<'_> {
             return Err(Reject::StopInputActive);
         }
         self.core.battery_allows()?;
+        if let Some(wrong) = self.core.motors.wrong().next() {
+            return Err(Reject::WrongDriver(wrong));
+        }
         let missing_mask = ALL_JOINTS
             & !self
                 .core
@@ -291,6 +295,14 @@ impl ModuleHandler for Visitor<'_> {
             return Err(Reject::State {
                 state: self.core.state(),
             });
+        }
+        let wrong = self
+            .core
+            .motors
+            .wrong()
+            .find(|wrong| joint_mask >> wrong.joint & 1 != 0);
+        if let Some(wrong) = wrong {
+            return Err(Reject::WrongDriver(wrong));
         }
         let missing_mask = joint_mask
             & !self
@@ -378,6 +390,21 @@ impl ModuleHandler for Visitor<'_> {
 
     fn crash(&mut self) -> Option<CrashRecord> {
         self.core.crash.clone()
+    }
+
+    fn set_drivers(&mut self, profile: Profile) -> Result<Outcome, Reject> {
+        self.core.may_write()?;
+        self.core.job = Some(Job::SetDrivers {
+            link: self.link,
+            profile,
+        });
+        Ok(Outcome::Pending)
+    }
+
+    fn drivers(&mut self) -> Drivers {
+        let motors = &self.core.motors;
+        // At most one per joint.
+        (motors.info().profile, motors.wrong().collect())
     }
 }
 

@@ -8,7 +8,9 @@ use crate::entropy::EntropyError;
 use crate::ports::{ResetCause, SlotStore};
 use crate::slots::{CRASH_PAIR, GAIT_SLOTS, SETTINGS_PAIR, SlotError};
 use control::gait::Gait;
+use control::robot::JOINTS;
 use control::supervisor::{Event as SupervisorEvent, Fault};
+use protocol::bus::Profile;
 use protocol::link::gait::MAX_GAIT;
 use protocol::link::{
     Completed, EventKind, KEY_LEN, Key, Reject, StorageFault, StoredGait, WireGait,
@@ -17,9 +19,12 @@ use sha2::Digest as _;
 
 /// Clearance that every move of an uploaded gait keeps.
 const MARGIN_M: f32 = control::precheck::MARGIN_M;
-/// Settings record: format, active slot + 1 or 0, key present, key.
-const SETTINGS_BYTES: usize = 3 + KEY_LEN;
-const SETTINGS_FORMAT: u8 = 1;
+/// Settings record: format, active slot + 1 or 0, key present, key, number of the drivers' profile.
+const SETTINGS_BYTES: usize = 4 + KEY_LEN;
+const SETTINGS_FORMAT: u8 = 2;
+/// As written before there were profiles: without the last byte, and every driver ours.
+const SETTINGS_BYTES_1: usize = 3 + KEY_LEN;
+const SETTINGS_FORMAT_1: u8 = 1;
 
 /// What the board knows at boot.
 #[derive(Debug, Clone)]
@@ -61,6 +66,7 @@ impl Core {
 
         let _ = self.slots.recover(store);
         self.settings = self.read_settings(store);
+        self.motors.use_profile(self.settings.drivers);
         for slot in 0..GAIT_SLOTS {
             let stored = self.read_gait(store, slot);
             if let Some(place) = self.gaits.get_mut(slot) {
@@ -80,12 +86,16 @@ impl Core {
     fn read_settings<S: SlotStore>(&self, store: &mut S) -> Settings {
         let mut bytes = [0; SETTINGS_BYTES];
         let read = self.slots.read(store, SETTINGS_PAIR, &mut bytes);
-        let [format, active, keyed, key @ ..] = bytes;
-        if read != Ok(SETTINGS_BYTES) || format != SETTINGS_FORMAT {
-            return Settings::default();
-        }
+        let [format, active, keyed, key @ .., drivers] = bytes;
+        let drivers = match (read, format) {
+            (Ok(SETTINGS_BYTES), SETTINGS_FORMAT) => Profile::from_number(drivers),
+            (Ok(SETTINGS_BYTES_1), SETTINGS_FORMAT_1) => Some(Profile::Packed),
+            _ => return Settings::default(),
+        };
         Settings {
             key: (keyed == 1).then_some(Key(key)),
+            // One of a later firmware: ours answer to nothing there, and nothing moves.
+            drivers: drivers.unwrap_or_default(),
             active: active
                 .checked_sub(1)
                 .filter(|slot| usize::from(*slot) < GAIT_SLOTS),
@@ -155,6 +165,7 @@ impl Core {
                 (link, self.activate(store, slot).map(|()| Completed::Ack))
             }
             Job::SetKey { link, key } => (link, self.store_key(store, key)),
+            Job::SetDrivers { link, profile } => (link, self.store_drivers(store, profile)),
         }
     }
 
@@ -230,6 +241,29 @@ impl Core {
         Ok(Completed::Ack)
     }
 
+    /// Stores a profile and goes over to it. Its drivers have no zero yet.
+    fn store_drivers<S: SlotStore>(
+        &mut self,
+        store: &mut S,
+        profile: Profile,
+    ) -> Result<Completed, Reject> {
+        self.store_settings(
+            store,
+            Settings {
+                drivers: profile,
+                ..self.settings
+            },
+        )?;
+        let homed = self.supervisor.homed_mask();
+        for joint in (0..JOINTS as u8).filter(|joint| homed >> joint & 1 != 0) {
+            // A driver reset is never refused.
+            let _ = self.supervise(SupervisorEvent::DriverReset { joint });
+        }
+        self.motors.use_profile(profile);
+        self.event(EventKind::DriversChanged { profile });
+        Ok(Completed::Ack)
+    }
+
     fn store_settings<S: SlotStore>(
         &mut self,
         store: &mut S,
@@ -242,7 +276,11 @@ impl Core {
             u8::from(settings.key.is_some()),
         ];
         let key = settings.key.map_or([0; KEY_LEN], |key| key.0);
-        for (place, byte) in bytes.iter_mut().zip(head.into_iter().chain(key)) {
+        let drivers = [settings.drivers as u8];
+        for (place, byte) in bytes
+            .iter_mut()
+            .zip(head.into_iter().chain(key).chain(drivers))
+        {
             *place = byte;
         }
         self.slots

@@ -87,6 +87,8 @@ fn name(message: &ToModule) -> &'static str {
         ToModule::Heartbeat { .. } => "heartbeat",
         ToModule::ProveState { .. } => "proof of its state",
         ToModule::ChangeGait { .. } => "change of gait",
+        ToModule::SetDrivers { .. } => "change of drivers",
+        ToModule::GetDrivers => "drivers",
     }
 }
 

@@ -3,6 +3,7 @@
 use control::robot::JOINT_NAMES;
 use protocol::link::{
     EndReason, Event, EventKind, Fault, GaitReject, ModuleState, PortFault, Reject, ResetCause,
+    WrongDriver,
 };
 
 /// A digest in hexadecimal.
@@ -172,6 +173,21 @@ pub fn reject(reason: &Reject) -> String {
         Reject::NoEntropy => {
             "its random number generator failed the self-test, so it starts nothing".to_owned()
         }
+        Reject::WrongDriver(wrong) => wrong_driver(wrong),
+    }
+}
+
+/// What is wrong with a driver of another profile than the bus.
+#[must_use]
+pub fn wrong_driver(wrong: &WrongDriver) -> String {
+    let who = joint(wrong.joint);
+    match *wrong {
+        WrongDriver {
+            model, address: 0, ..
+        } => format!("the driver of {who} is of another kind than the bus (model {model})"),
+        WrongDriver { address, .. } => {
+            format!("the driver of {who} does not take its setting at address {address}")
+        }
     }
 }
 
@@ -238,6 +254,9 @@ pub fn remedy(reason: &Reject) -> Option<&'static str> {
         }
         Reject::MotorsMissing { .. } => "`rb-host bus scan` shows who answers",
         Reject::StopInputActive => "release the STOP button",
+        Reject::WrongDriver(_) => {
+            "`rb-host bus scan` shows the drivers; all of a bus are of one kind, set by `rb-host bus use`"
+        }
         Reject::Battery { .. } => "charge the battery",
         Reject::Collision { .. } => {
             "move the robot by hand nearer to the start pose, or change the gait's offsets"
@@ -358,5 +377,9 @@ pub fn event(event: &Event) -> (&'static str, String) {
             format!("slot {slot}, digest {}", hex(&digest.0)),
         ),
         EventKind::PortError { port, fault } => ("port_error", port_error(*port, *fault)),
+        EventKind::WrongDriver(wrong) => ("wrong_driver", wrong_driver(wrong)),
+        EventKind::DriversChanged { profile } => {
+            ("drivers_changed", profile.info().title.to_owned())
+        }
     }
 }

@@ -3,6 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::gait::Digest;
+use super::message::WrongDriver;
+use crate::bus::Profile;
+
 use super::status::{Fault, FaultInfo, ModuleState, ResetCause};
 
 /// A numbered note of what happened.
@@ -167,6 +170,13 @@ pub enum EventKind {
         port: u8,
         /// What.
         fault: PortFault,
+    },
+    /// A driver is not of the profile that the module drives, or does not take its settings.
+    WrongDriver(WrongDriver),
+    /// The module drives another table profile from now on.
+    DriversChanged {
+        /// Profile.
+        profile: Profile,
     },
 }
 

@@ -14,6 +14,8 @@ use super::gait::{Digest, WireGait};
 use super::reject::Reject;
 use super::status::{CrashRecord, Hello, Info, ModuleState, SlotInfo};
 use super::telemetry::{Sample, SampleBlock};
+use crate::bus::Profile;
+use crate::bus::master::MAX_DRIVERS;
 
 /// Bytes of a bus packet that [`ToModule::BusRaw`] and [`FromModule::BusReply`] carry.
 pub const MAX_BUS_BYTES: usize = 256;
@@ -176,6 +178,15 @@ pub enum ToModule {
         /// Proof.
         tag: Tag,
     },
+    /// Which drivers the bus carries; kept over a reset. Every zero is lost. Refused in Run. Signed. -> [`FromModule::Ack`].
+    SetDrivers {
+        /// Table profile of all of them.
+        profile: Profile,
+        /// Proof.
+        tag: Tag,
+    },
+    /// -> [`FromModule::Drivers`].
+    GetDrivers,
 }
 
 /// Module to host. Answers carry the request's sequence number; `Sample`, `SampleBlock`, `Event` and `RunEnd` also come unasked.
@@ -273,6 +284,25 @@ pub enum FromModule {
         /// Tag over the host's nonce and these fields; [`Tag::NONE`] of a module without a key.
         tag: Tag,
     },
+    /// Answer to `GetDrivers`.
+    Drivers {
+        /// Table profile that the module drives.
+        profile: Profile,
+        /// Drivers that are of another one, or do not take their settings; they do not move.
+        wrong: Vec<WrongDriver, MAX_DRIVERS>,
+    },
+}
+
+/// A driver that the module does not drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct WrongDriver {
+    /// Joint.
+    pub joint: u8,
+    /// Model number that it answers; 0: it answers none.
+    pub model: u16,
+    /// Address of the setting that it does not take; 0: its model is not of the profile.
+    pub address: u16,
 }
 
 /// How often a [`Sample`] is taken.
@@ -300,7 +330,7 @@ pub enum BusStatus {
 }
 
 impl Message for ToModule {
-    const COUNT: u8 = 24;
+    const COUNT: u8 = 26;
 
     fn kind(&self) -> u8 {
         match self {
@@ -328,6 +358,8 @@ impl Message for ToModule {
             Self::Heartbeat { .. } => 21,
             Self::ProveState { .. } => 22,
             Self::ChangeGait { .. } => 23,
+            Self::SetDrivers { .. } => 24,
+            Self::GetDrivers => 25,
         }
     }
 }
@@ -347,7 +379,8 @@ impl ToModule {
             | Self::Reset { tag }
             | Self::StartTethered { tag, .. }
             | Self::Heartbeat { tag }
-            | Self::ChangeGait { tag, .. } => Some(tag),
+            | Self::ChangeGait { tag, .. }
+            | Self::SetDrivers { tag, .. } => Some(tag),
             Self::Hello { .. }
             | Self::GetInfo
             | Self::GetChallenge
@@ -360,7 +393,8 @@ impl ToModule {
             | Self::Drain { .. }
             | Self::SetKey { .. }
             | Self::GetCrash
-            | Self::ProveState { .. } => None,
+            | Self::ProveState { .. }
+            | Self::GetDrivers => None,
         }
     }
 
@@ -372,7 +406,7 @@ impl ToModule {
 }
 
 impl Message for FromModule {
-    const COUNT: u8 = 17;
+    const COUNT: u8 = 18;
 
     fn kind(&self) -> u8 {
         match self {
@@ -393,6 +427,7 @@ impl Message for FromModule {
             Self::Crash(_) => 14,
             Self::Events { .. } => 15,
             Self::State { .. } => 16,
+            Self::Drivers { .. } => 17,
         }
     }
 }

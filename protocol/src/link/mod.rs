@@ -27,10 +27,10 @@ pub use frame::{
     Message, SOURCE_HOST, UNASKED, VERSION, encode, encode_proof, encode_signed,
 };
 pub use gait::{Digest, WireGait, WireLink, WireOscillator};
-pub use message::{BusStatus, FromModule, TelemetryRate, ToModule};
+pub use message::{BusStatus, FromModule, TelemetryRate, ToModule, WrongDriver};
 pub use reject::{GaitField, GaitReject, Reject, StorageFault};
 pub use server::{
-    BusAnswer, Completed, ModuleHandler, Outcome, Port, Server, StartOrder, StoredGait,
+    BusAnswer, Completed, Drivers, ModuleHandler, Outcome, Port, Server, StartOrder, StoredGait,
 };
 pub use status::{
     Counters, CrashKind, CrashRecord, Fault, FaultInfo, Hello, Info, ModuleState, ResetCause,

@@ -4,6 +4,7 @@ use control::{gait, supervisor};
 use serde::{Deserialize, Serialize};
 
 use super::gait::Digest;
+use super::message::WrongDriver;
 use super::status::{Fault, ModuleState};
 
 /// Why an order was not carried out. Nothing has changed then. Grows at the end.
@@ -126,6 +127,8 @@ pub enum Reject {
     NotTethered,
     /// The random number generator failed its self-test: no challenge can be given and no run started.
     NoEntropy,
+    /// A driver is of another profile than the bus, or does not take its settings: a mixed bus is not driven.
+    WrongDriver(WrongDriver),
 }
 
 impl Reject {

@@ -11,11 +11,15 @@ use super::frame::{
     VERSION, encode, encode_proof,
 };
 use super::gait::{Digest, WireGait};
-use super::message::{BusStatus, FromModule, MAX_BUS_BYTES, MAX_EVENTS, TelemetryRate, ToModule};
+use super::message::{
+    BusStatus, FromModule, MAX_BUS_BYTES, MAX_EVENTS, TelemetryRate, ToModule, WrongDriver,
+};
 use super::reject::Reject;
 use super::status::{CrashRecord, Hello, Info, SlotInfo};
 use super::telemetry::SampleBlock;
 use super::{MAX_SLOTS, event::Event};
+use crate::bus::Profile;
+use crate::bus::master::MAX_DRIVERS;
 
 /// The medium of a link, as the board knows it; a frame cannot claim it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -123,7 +127,18 @@ pub trait ModuleHandler {
     fn reset(&mut self) -> Result<Outcome, Reject>;
     /// What survived the last crash.
     fn crash(&mut self) -> Option<CrashRecord>;
+    /// Drive another table profile.
+    fn set_drivers(&mut self, _profile: Profile) -> Result<Outcome, Reject> {
+        Err(Reject::Unsupported)
+    }
+    /// What is driven, and what is on the bus that is not.
+    fn drivers(&mut self) -> Drivers {
+        (Profile::Packed, Vec::new())
+    }
 }
+
+/// Table profile that is driven, and drivers of another one.
+pub type Drivers = (Profile, Vec<WrongDriver, MAX_DRIVERS>);
 
 /// What was heard on the bus.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -512,12 +527,17 @@ impl Server {
                 Err(reason) => nack(reason),
             },
             ToModule::GetCrash => FromModule::Crash(handler.crash()),
+            ToModule::GetDrivers => {
+                let (profile, wrong) = handler.drivers();
+                FromModule::Drivers { profile, wrong }
+            }
             // These are answered before; orders go through `carry_out`.
             ToModule::Stop
             | ToModule::ProveState { .. }
             | ToModule::StartTethered { .. }
             | ToModule::Heartbeat { .. }
             | ToModule::ChangeGait { .. }
+            | ToModule::SetDrivers { .. }
             | ToModule::PutGait { .. }
             | ToModule::ActivateSlot { .. }
             | ToModule::EraseSlot { .. }
@@ -604,6 +624,7 @@ fn carry_out<H: ModuleHandler>(
         ToModule::ChangeGait { slot, digest, .. } => {
             handler.change_gait(*slot, *digest).map(Into::into)
         }
+        ToModule::SetDrivers { profile, .. } => handler.set_drivers(*profile).map(Into::into),
         ToModule::ClearFault { .. } => handler.clear_fault().map(Into::into),
         ToModule::Zero { joint_mask, .. } => handler.zero(*joint_mask).map(Into::into),
         ToModule::BusRaw {
@@ -625,6 +646,7 @@ fn carry_out<H: ModuleHandler>(
         | ToModule::GetEvents { .. }
         | ToModule::Drain { .. }
         | ToModule::ProveState { .. }
+        | ToModule::GetDrivers
         | ToModule::GetCrash => Err(Reject::Unsupported),
     }
 }

@@ -8,6 +8,7 @@
 
 use heapless::{String, Vec};
 use protocol::bus::PackedFeedback;
+use protocol::bus::Profile;
 use protocol::link::*;
 
 pub const KEY: Key = Key([0x4B; KEY_LEN]);
@@ -173,8 +174,19 @@ pub fn to_module() -> std::vec::Vec<ToModule> {
             digest: Digest([1, 2, 3, 4, 5, 6, 7, 8]),
             tag,
         },
+        ToModule::SetDrivers {
+            profile: Profile::Xm430,
+            tag,
+        },
+        ToModule::GetDrivers,
     ]
 }
+
+pub const WRONG_DRIVER: WrongDriver = WrongDriver {
+    joint: 2,
+    model: 777,
+    address: 0,
+};
 
 pub fn hello() -> Hello {
     Hello {
@@ -294,6 +306,10 @@ pub fn from_module() -> std::vec::Vec<FromModule> {
             uptime_us: 90_000_000,
             tag: Tag([7; TAG_LEN]),
         },
+        FromModule::Drivers {
+            profile: Profile::Sts,
+            wrong: Vec::from_slice(&[WRONG_DRIVER]).unwrap(),
+        },
     ]
 }
 
@@ -386,6 +402,7 @@ pub fn rejects() -> std::vec::Vec<Reject> {
         },
         Reject::NotTethered,
         Reject::NoEntropy,
+        Reject::WrongDriver(WRONG_DRIVER),
     ]);
     rejects
 }
@@ -495,6 +512,12 @@ pub fn event_kinds() -> std::vec::Vec<EventKind> {
         [PortFault::Overrun, PortFault::Noise, PortFault::Closed]
             .map(|fault| EventKind::PortError { port: 2, fault }),
     );
+    kinds.extend([
+        EventKind::WrongDriver(WRONG_DRIVER),
+        EventKind::DriversChanged {
+            profile: Profile::Scs,
+        },
+    ]);
     kinds
 }
 

@@ -94,6 +94,9 @@ impl ModuleHandler for Robot {
     fn change_gait(&mut self, slot: u8, _digest: Digest) -> Result<Outcome, Reject> {
         self.order(format!("change {slot}"))
     }
+    fn set_drivers(&mut self, profile: protocol::bus::Profile) -> Result<Outcome, Reject> {
+        self.order(format!("drivers {profile:?}"))
+    }
     fn clear_fault(&mut self) -> Result<Outcome, Reject> {
         self.order("clear".into())
     }

@@ -72,6 +72,11 @@ const TO_MODULE: &[(&str, &str)] = &[
         "ChangeGait",
         "0002010302010e1d07b01701010203040506070801010101010101010101010101010105967a599900",
     ),
+    (
+        "SetDrivers",
+        "000201030201061d07b0180301010101010101010101010101010105369ffbc600",
+    ),
+    ("GetDrivers", "000201030201091d07b01942553b6e00"),
 ];
 
 /// Whole frames of module 7, otherwise as above.
@@ -143,6 +148,7 @@ const FROM_MODULE: &[(&str, &str)] = &[
         "State",
         "0005010702011e1d07b010058095f52a070707070707070707070707070707071103c86f00",
     ),
+    ("Drivers", "0005010702010a1d07b0110401028906055571cd2a00"),
 ];
 
 /// Payloads of `Nack`, request 0, with every reason.
@@ -222,6 +228,10 @@ const REJECTS: &[(&str, &str)] = &[
     ("Lease { min_ms: 100, max_ms: 60000 }", "001f64e0d403"),
     ("NotTethered", "0020"),
     ("NoEntropy", "0021"),
+    (
+        "WrongDriver(WrongDriver { joint: 2, model: 777, address: 0 })",
+        "002202890600",
+    ),
 ];
 
 /// Payloads of `Event`, number 0 at time 0, of every kind.
@@ -293,6 +303,11 @@ const EVENTS: &[(&str, &str)] = &[
     ("PortError { port: 2, fault: Overrun }", "00001b0200"),
     ("PortError { port: 2, fault: Noise }", "00001b0201"),
     ("PortError { port: 2, fault: Closed }", "00001b0202"),
+    (
+        "WrongDriver(WrongDriver { joint: 2, model: 777, address: 0 })",
+        "00001c02890600",
+    ),
+    ("DriversChanged { profile: Scs }", "00001d05"),
 ];
 
 fn hex(bytes: &[u8]) -> String {
