@@ -110,6 +110,11 @@ impl Bus {
         &self.params
     }
 
+    /// The master talks at another rate from now on.
+    pub fn set_baud(&mut self, baud: u32) {
+        self.params.baud = baud;
+    }
+
     /// What the bus has seen.
     #[must_use]
     pub fn counters(&self) -> &BusCounters {

@@ -83,6 +83,9 @@ pub fn serve(
         if now_ns > world.now_ns() {
             world.advance_to(now_ns);
         }
+        if let Some(baud) = endpoint.baud() {
+            world.set_baud(baud);
+        }
         if let Some(bytes) = input.get(..count).filter(|bytes| !bytes.is_empty()) {
             world.write_bytes(now_ns, bytes);
         }

@@ -4,6 +4,7 @@
 //! temperature, its own clock. It never sees true angles or time.
 
 pub mod control;
+pub mod feetech;
 mod params;
 pub mod registers;
 pub mod transport;
@@ -447,7 +448,16 @@ impl Driver {
     /// Counts edges; returns true if any passed since the last tick.
     fn read_encoder(&mut self, sensors: &Sensors) -> bool {
         let edges = libm::floor(sensors.gear_rad / sensors.edge_rad) as i64;
-        let zero = *self.edges_at_reset.get_or_insert(edges);
+        let whole_turns = || {
+            let turns = libm::floor(sensors.gear_rad / core::f64::consts::TAU);
+            libm::round(turns * core::f64::consts::TAU / sensors.edge_rad) as i64
+        };
+        let first = if self.params.absolute() {
+            whole_turns()
+        } else {
+            edges
+        };
+        let zero = *self.edges_at_reset.get_or_insert(first);
         let moved = edges != self.edges;
         self.edges = edges;
         let convention = &self.params.convention;

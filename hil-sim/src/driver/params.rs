@@ -1,5 +1,7 @@
 //! Everything that is fixed about a driver.
 
+use protocol::bus::Profile;
+
 use super::control::ControlParams;
 use super::transport::TransportParams;
 
@@ -82,4 +84,15 @@ pub struct DriverParams {
     pub noise: NoiseParams,
     /// From the last byte of a request to the first of the reply [ns].
     pub return_delay_ns: u64,
+    /// Table and frames that it offers.
+    pub profile: Profile,
+}
+
+impl DriverParams {
+    /// Whether the encoder sits at the output and knows the angle within a turn after a restart: every off-the-shelf servo here. Ours counts
+    /// edges at the motor.
+    #[must_use]
+    pub fn absolute(&self) -> bool {
+        self.profile != Profile::Packed
+    }
 }

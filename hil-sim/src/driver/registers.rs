@@ -1,10 +1,12 @@
 //! The control table of a driver: what the bus can read and write, in wire units.
 
+use protocol::bus::Profile;
 use protocol::bus::feedback::{PackedFeedback, status};
+use protocol::bus::indirect::Indirect;
 use protocol::bus::packet::StatusError;
 use protocol::bus::server::{DriverHandler, Keep};
 use protocol::bus::table::{
-    BAUD_1M, RETURN_DELAY_NS, Register, RegisterFile, WATCHDOG_MS, WATCHDOG_TRIPPED,
+    RETURN_DELAY_NS, Register, RegisterFile, WATCHDOG_MS, WATCHDOG_TRIPPED,
 };
 use protocol::units;
 
@@ -18,6 +20,8 @@ pub struct Registers {
     /// The file as the driver left the works: with its own address, delay and limits.
     factory: RegisterFile,
     base: ControlParams,
+    profile: Profile,
+    indirect: Option<Indirect>,
     alias: Option<u8>,
     refused: bool,
     now_ns: u64,
@@ -31,8 +35,13 @@ const KI_PER_COUNT: f64 = 0.01;
 const KV_PER_COUNT: f64 = 0.001;
 /// Errors that release the motor from the start: all that this driver can have. The X series leaves some on.
 const SHUTDOWN_ALL: i32 = 0b11_1101;
-/// Current of one X-series count [A].
-const X_CURRENT_A: f64 = units::X_MA_PER_100_CURRENT_COUNTS as f64 * 1e-5;
+/// What differs in an X servo fresh from the shop (e-manual, "Initial Value"): position mode, 500 us of return delay.
+const X_DEFAULTS: [(Register, i32); 2] = [
+    (Register::OperatingMode, MODE_POSITION),
+    (Register::ReturnDelay, 250),
+];
+/// Current limit of an X330, counts of 1 mA (e-manual XL330-M288, Current Limit).
+const X330_CURRENT_LIMIT: i32 = 1_750;
 /// Operating modes of the X series that this driver has.
 const MODE_POSITION: i32 = 3;
 const MODE_EXTENDED: i32 = 4;
@@ -60,10 +69,29 @@ impl Registers {
             libm::round(params.guard.overvolt_v * 10.0) as i32,
         );
         file.set(Register::Shutdown, SHUTDOWN_ALL);
+        let profile = params.profile;
+        if let Some(model) = profile.info().models.first() {
+            file.set(Register::ModelNumber, i32::from(*model));
+        }
+        let indirect = Indirect::of(profile);
+        if indirect.is_some() {
+            for (register, value) in X_DEFAULTS {
+                file.set(register, value);
+            }
+        }
+        if matches!(profile, Profile::Xl330 | Profile::Xc330) {
+            file.set(Register::CurrentLimit, X330_CURRENT_LIMIT);
+        }
+        if profile != Profile::Packed {
+            // Off-the-shelf servos believe any set-point within their limits.
+            driver.guard_mut().largest_step_rad = f64::INFINITY;
+        }
         let registers = Self {
             factory: file.clone(),
             file,
             base: params.control,
+            profile,
+            indirect,
             alias: None,
             refused: false,
             now_ns: 0,
@@ -86,6 +114,9 @@ impl Registers {
     /// Restart of the electronics.
     pub fn restart(&mut self, driver: &mut Driver, now_ns: u64) {
         self.file.restart();
+        let model = self.factory.get(Register::ModelNumber);
+        self.file.set(Register::ModelNumber, model);
+        self.indirect = Indirect::of(self.profile);
         self.refused = false;
         driver.reboot(now_ns);
         let offset = units::urad_from_x_position(self.file.get(Register::HomingOffset));
@@ -123,7 +154,45 @@ impl Registers {
         } else {
             fixed
         };
-        f64::from(counts) * X_CURRENT_A
+        f64::from(counts) * self.count_a()
+    }
+
+    /// Current of one count [A].
+    fn count_a(&self) -> f64 {
+        match self.profile {
+            // Ours has the table of the XM430.
+            Profile::Packed => f64::from(units::X_MA_PER_100_CURRENT_COUNTS) * 1e-5,
+            profile => f64::from(profile.info().units.ma_per_100) * 1e-5,
+        }
+    }
+
+    /// Table and frames that the driver offers.
+    #[must_use]
+    pub fn profile(&self) -> Profile {
+        self.profile
+    }
+
+    /// Bits per second that the driver listens at (e-manual, Baud Rate).
+    #[must_use]
+    pub fn baud(&self) -> u32 {
+        match self.file.get(Register::BaudRate) {
+            0 => 9_600,
+            1 => 57_600,
+            2 => 115_200,
+            4 => 2_000_000,
+            5 => 3_000_000,
+            6 => 4_000_000,
+            7 => 4_500_000,
+            _ => 1_000_000,
+        }
+    }
+
+    /// In position mode an X servo takes no goal outside of its limits (e-manual, Min and Max Position Limit).
+    fn within_limits(&self, counts: i32) -> bool {
+        let free =
+            self.indirect.is_none() || self.file.get(Register::OperatingMode) != MODE_POSITION;
+        let (min, max) = (Register::MinPositionLimit, Register::MaxPositionLimit);
+        free || (self.file.get(min)..=self.file.get(max)).contains(&counts)
     }
 }
 
@@ -149,6 +218,11 @@ fn goal_error(error: GoalError) -> StatusError {
 }
 
 impl Front<'_> {
+    /// When the request under way was whole [ns].
+    pub(super) fn now_ns(&self) -> u64 {
+        self.registers.now_ns
+    }
+
     fn status_bits(&self) -> u8 {
         let driver = &*self.driver;
         let mut bits = 0;
@@ -192,7 +266,9 @@ impl Front<'_> {
                 i32::from(self.driver.torque_on() && error.abs() < 1.534e-3)
             }
             Register::PresentPwm => libm::round(duty) as i32,
-            Register::PresentCurrent => libm::round(readings.current_a / X_CURRENT_A) as i32,
+            Register::PresentCurrent => {
+                libm::round(readings.current_a / self.registers.count_a()) as i32
+            }
             Register::PresentVelocity => libm::round(x_velocity) as i32,
             Register::PresentPosition => x_position(readings.position_rad),
             Register::VelocityTrajectory => 0,
@@ -256,6 +332,10 @@ impl Front<'_> {
                 }
             }
             Register::GoalAngle => self.set_goal(f64::from(value) * 1e-6, true),
+            Register::GoalPosition if !self.registers.within_limits(value) => {
+                self.registers.refused = true;
+                Err(StatusError::DataLimit)
+            }
             Register::GoalPosition => {
                 self.set_goal(f64::from(units::urad_from_x_position(value)) * 1e-6, false)
             }
@@ -269,7 +349,6 @@ impl Front<'_> {
                 Err(StatusError::Access)
             }
             Register::OperatingMode => self.set_mode(value),
-            Register::BaudRate if value != BAUD_1M => Err(StatusError::DataLimit),
             Register::BusWatchdog => {
                 let limit_us = (value > 0).then(|| value as u64 * u64::from(WATCHDOG_MS) * 1_000);
                 self.driver.set_watchdog(limit_us, self.registers.now_ns);
@@ -349,6 +428,14 @@ impl DriverHandler for Front<'_> {
         }
         self.reboot();
         Ok(())
+    }
+
+    fn indirect(&self) -> Option<&Indirect> {
+        self.registers.indirect.as_ref()
+    }
+
+    fn set_indirect(&mut self, map: Indirect) {
+        self.registers.indirect = Some(map);
     }
 
     fn clear_turns(&mut self) -> Result<(), StatusError> {

@@ -42,6 +42,11 @@ pub trait Endpoint: Send {
         true
     }
 
+    /// Bits per second that the client has set, where the stream can tell.
+    fn baud(&self) -> Option<u32> {
+        None
+    }
+
     /// Clients that have connected since the start, where the stream can tell.
     fn clients(&self) -> u64 {
         0

@@ -14,13 +14,15 @@ use super::{Endpoint, EndpointError};
 ///
 /// The slave side stays open here, or the master would read errors whenever no client is there. Its exclusive flag is
 /// never touched: clearing it takes a shared lock that would shut every client out. A pseudo-terminal takes any baud
-/// rate and paces nothing: the emulated bus does that.
+/// rate and paces nothing: the emulated bus does that, at the rate that the client sets.
 #[derive(Debug)]
 pub struct Pty {
     master: TTYPort,
     _slave: TTYPort,
     device: String,
     link: Option<PathBuf>,
+    /// Rate of a new pseudo-terminal, which no client has set [bit/s].
+    unset_baud: Option<u32>,
 }
 
 impl Pty {
@@ -32,6 +34,7 @@ impl Pty {
         let (master, slave) = TTYPort::pair().map_err(|source| EndpointError::Pty { source })?;
         let device = slave.name().unwrap_or_default();
         let mut pty = Self {
+            unset_baud: master.baud_rate().ok(),
             master,
             _slave: slave,
             device,
@@ -86,6 +89,12 @@ impl Endpoint for Pty {
         self.link
             .as_ref()
             .map_or_else(|| self.device.clone(), |path| path.display().to_string())
+    }
+
+    fn baud(&self) -> Option<u32> {
+        // Linux keeps the settings of both ends in one place.
+        let baud = self.master.baud_rate().ok();
+        baud.filter(|baud| *baud > 0 && Some(*baud) != self.unset_baud)
     }
 
     fn read(&mut self, into: &mut [u8], patience: Duration) -> Result<usize, EndpointError> {

@@ -58,6 +58,8 @@ pub struct World {
     conditions: Vec<Condition>,
     bridges: Vec<Bridge>,
     bus: Bus,
+    /// The master has said at which rate it talks; before, all are at that of the scenario.
+    baud_set: bool,
     faults: Faults,
     inbox: VecDeque<Arrival>,
 }
@@ -132,6 +134,7 @@ impl World {
             conditions: vec![Condition::default(); count],
             bridges: vec![IDLE; count],
             bus: Bus::new(params.bus.clone(), params.seed),
+            baud_set: false,
             faults: Faults::new(&params.faults, params.seed, count),
             inbox: VecDeque::new(),
         };
@@ -205,6 +208,12 @@ impl World {
             condition.deaf = self.faults.misses_request(index, at_ns);
         }
         self.bus.send(at_ns, Talker::Master, bytes)
+    }
+
+    /// Bits per second at which the master talks and listens from now on. Drivers set to another rate hear nothing.
+    pub fn set_baud(&mut self, baud: u32) {
+        self.baud_set = true;
+        self.bus.set_baud(baud);
     }
 
     /// Runs up to `until_ns`; bytes that reach the master wait in [`Self::next_byte`].
@@ -284,7 +293,9 @@ impl World {
         }
         for index in 0..self.units.len() {
             let condition = &self.conditions[index];
-            let hears = !(condition.missing || condition.deaf || condition.dead);
+            let baud = self.bus.params().baud;
+            let rate = !self.baud_set || self.units[index].baud() == baud;
+            let hears = rate && !(condition.missing || condition.deaf || condition.dead);
             if hears
                 && delivery.from != Talker::Driver(index)
                 && let Some(reply) = self.units[index].hear(delivery.byte, delivery.at_ns)

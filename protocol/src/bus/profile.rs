@@ -108,7 +108,7 @@ pub struct ProfileInfo {
     pub title: &'static str,
     /// Frames of its packets.
     pub framing: Framing,
-    /// Model numbers of the family.
+    /// Model numbers of the family; that of the emulated driver first.
     pub models: &'static [u16],
     /// Model number.
     pub model: Field,
@@ -312,7 +312,7 @@ const XL330: ProfileInfo = dynamixel(
     Profile::Xl330,
     "xl330",
     "Dynamixel XL330",
-    &[1190, 1200],
+    &[1200, 1190],
     X330_INDIRECT,
     X330_MA_PER_100,
 );
@@ -320,7 +320,7 @@ const XC330: ProfileInfo = dynamixel(
     Profile::Xc330,
     "xc330",
     "Dynamixel XC330",
-    &[1210, 1220, 1230, 1240],
+    &[1220, 1210, 1230, 1240],
     X330_INDIRECT,
     X330_MA_PER_100,
 );
