@@ -38,6 +38,7 @@ impl Core {
         (self.now_us, self.cycle_us) = (due_us, due_us);
         self.inputs = inputs;
         let slot = self.timing.begin(due_us);
+        self.change_drivers();
         for motor in self.motors.iter_mut() {
             motor.begin_slot();
         }
@@ -58,6 +59,21 @@ impl Core {
             self.watch_link();
         }
         slot
+    }
+
+    /// Goes over to the profile of the settings, between two exchanges. Its drivers have no zero yet.
+    fn change_drivers(&mut self) {
+        let profile = self.settings.drivers;
+        if self.motors.info().profile == profile {
+            return;
+        }
+        let homed = self.supervisor.homed_mask();
+        for joint in (0..JOINTS as u8).filter(|joint| homed >> joint & 1 != 0) {
+            // A driver reset is never refused.
+            let _ = self.supervise(SupervisorEvent::DriverReset { joint });
+        }
+        self.motors.use_profile(profile);
+        self.event(EventKind::DriversChanged { profile });
     }
 
     fn watch_battery(&mut self) {

@@ -87,7 +87,7 @@ pub struct Master {
     /// Drivers whose error register is to be read.
     ask_errors: u8,
     asking: Option<usize>,
-    /// Driver that the present exchange brings into use.
+    /// Driver whose answer brings it into use.
     setting_up: Option<usize>,
     /// Joint whose turn it is to come into use.
     setup_turn: usize,
@@ -294,7 +294,8 @@ impl Master {
         let info = core.motors.info();
         let motor = core.motors.get_mut(joint)?;
         let request = motor.setup().request(info, id_of(joint));
-        self.setting_up = Some(joint);
+        // The answer to a write says nothing: the setting is read again.
+        self.setting_up = (!motor.setup().writes()).then_some(joint);
         let next = motor.setup().sent();
         self.step_up(core, joint, next);
         request

@@ -404,7 +404,7 @@ impl ModuleHandler for Visitor<'_> {
     fn drivers(&mut self) -> Drivers {
         let motors = &self.core.motors;
         // At most one per joint.
-        (motors.info().profile, motors.wrong().collect())
+        (self.core.settings.drivers, motors.wrong().collect())
     }
 }
 

@@ -58,7 +58,13 @@ impl Setup {
         !matches!(self, Self::Ready | Self::WrongSetting { .. })
     }
 
-    /// The next packet, and whether the answer to it must be awaited.
+    /// Whether the next packet writes.
+    #[must_use]
+    pub fn writes(&self) -> bool {
+        matches!(self, Self::Setting { write: true, .. })
+    }
+
+    /// The next packet.
     #[must_use]
     pub fn request(&self, info: &ProfileInfo, id: u8) -> Option<Request> {
         match *self {

@@ -8,7 +8,6 @@ use crate::entropy::EntropyError;
 use crate::ports::{ResetCause, SlotStore};
 use crate::slots::{CRASH_PAIR, GAIT_SLOTS, SETTINGS_PAIR, SlotError};
 use control::gait::Gait;
-use control::robot::JOINTS;
 use control::supervisor::{Event as SupervisorEvent, Fault};
 use protocol::bus::Profile;
 use protocol::link::gait::MAX_GAIT;
@@ -241,7 +240,7 @@ impl Core {
         Ok(Completed::Ack)
     }
 
-    /// Stores a profile and goes over to it. Its drivers have no zero yet.
+    /// Stores a profile; the next cycle goes over to it.
     fn store_drivers<S: SlotStore>(
         &mut self,
         store: &mut S,
@@ -254,13 +253,6 @@ impl Core {
                 ..self.settings
             },
         )?;
-        let homed = self.supervisor.homed_mask();
-        for joint in (0..JOINTS as u8).filter(|joint| homed >> joint & 1 != 0) {
-            // A driver reset is never refused.
-            let _ = self.supervise(SupervisorEvent::DriverReset { joint });
-        }
-        self.motors.use_profile(profile);
-        self.event(EventKind::DriversChanged { profile });
         Ok(Completed::Ack)
     }
 

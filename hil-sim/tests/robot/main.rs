@@ -10,5 +10,6 @@ mod run;
 mod schedules;
 mod security;
 mod serve;
+mod servos;
 mod upload;
 mod withheld;
