@@ -42,11 +42,15 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     let few = trials.get(..MUJOCO_TRIALS).unwrap_or(&trials);
     let place = Workplace::new(folder.clone(), &params, few).map_err(failed)?;
     let mujoco = mujoco(args, &place, context)?;
+    let bar = context.out.progress(STEPS_S.len() as u64, "measuring");
     let tables = STEPS_S
         .iter()
-        .map(|&step_s| peers::speed_table(&params, &trials, step_s, mujoco.as_ref()))
+        .map(|&step_s| {
+            peers::speed_table(&params, &trials, step_s, mujoco.as_ref()).inspect(|_| bar.inc(1))
+        })
         .collect::<Result<Vec<SpeedTable>, PeerError>>()
         .map_err(failed)?;
+    bar.finish_and_clear();
     let shares = peers::profile(&trials, STEPS_S[1]);
     if args.work.is_none() {
         // Our own folder of a moment ago; what stays behind harms nobody.

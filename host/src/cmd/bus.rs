@@ -274,13 +274,16 @@ fn bench(context: &Context, way: &mut BusWay, duration: Duration, ids: &[u8]) ->
     let (mut cycles, mut missing) = (0u32, 0u32);
     let mut trips = Vec::new();
     let _grace = interrupt::grace("stopping");
+    let bar = context.out.progress(duration.as_secs(), "measuring");
     while start.elapsed() < duration && !interrupt::pressed() {
         let begin = Instant::now();
         let answers = way.exchange(Request::feedback(ids).map_err(too_long)?)?;
         trips.push(begin.elapsed());
         cycles += 1;
+        bar.set_position(start.elapsed().as_secs());
         missing += u32::try_from(ids.len().saturating_sub(answers.len())).unwrap_or(0);
     }
+    bar.finish_and_clear();
     trips.sort_unstable();
     let at = |share: f64| {
         let index = (trips.len().saturating_sub(1) as f64 * share) as usize;

@@ -91,8 +91,7 @@ pub fn run(args: &Args, context: &Context) -> Done {
         .iter()
         .map(|&run| trial(args, &gaits, &model, &params, run))
         .collect();
-    let outcomes =
-        physics::run(&trials, &options).map_err(|error| Failure::new(Exit::Usage, error))?;
+    let outcomes = simulated(&trials, &options, context)?;
     if let Some(folder) = &args.output {
         let folder = Writer::new(folder, args.camera, &model, robot.as_ref(), context)?;
         folder.write(&gaits, &runs, &trials, &outcomes)?;
@@ -100,6 +99,20 @@ pub fn run(args: &Args, context: &Context) -> Done {
     }
     report(&gaits, &runs, &outcomes, context);
     Ok(())
+}
+
+/// Runs the trials some at a time, so that a bar can say how far it is; results do not depend on how they are split.
+fn simulated(trials: &[Trial], options: &Options, context: &Context) -> Done<Vec<Outcome>> {
+    const AT_ONCE: usize = 64;
+    let bar = context.out.progress(trials.len() as u64, "simulating");
+    let mut outcomes = Vec::with_capacity(trials.len());
+    for some in trials.chunks(AT_ONCE) {
+        let run = physics::run(some, options);
+        outcomes.extend(run.map_err(|error| Failure::new(Exit::Usage, error))?);
+        bar.inc(some.len() as u64);
+    }
+    bar.finish_and_clear();
+    Ok(outcomes)
 }
 
 fn trial(

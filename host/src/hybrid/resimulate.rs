@@ -70,10 +70,10 @@ pub fn run(
         maker: FilmMaker::new(settings, &context.robot_model()),
         gaits,
     };
-    let (r_before, r_after) = (
-        theatre.ratios(context, before)?,
-        theatre.ratios(context, after)?,
-    );
+    let steps = 2 + theatre.gaits.len() as u64;
+    let bar = context.out.progress(steps, "simulating again");
+    let ratios = |model| theatre.ratios(context, model).inspect(|_| bar.inc(1));
+    let (r_before, r_after) = (ratios(before)?, ratios(after)?);
     let mut rows = Vec::new();
     for (k, filmed) in theatre.gaits.iter().enumerate() {
         let name = filmed.gait.name();
@@ -96,7 +96,9 @@ pub fn run(
             r_before: r_before[k],
             r_after: r_after[k],
         });
+        bar.inc(1);
     }
+    bar.finish_and_clear();
     theatre.draw(context, after, &r_after, folder)?;
     let result = json!({ "schema": "rb.hybrid_cycle/1", "gaits": rows, "speed_error_m_s": {
         "before": speed_error_m_s(&rows, |row| row.predicted_before_m_s),

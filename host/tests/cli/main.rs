@@ -30,5 +30,7 @@ mod recordings;
 mod rfcomm;
 mod rig;
 mod search;
+#[cfg(target_os = "linux")]
+mod terminal;
 mod tether;
 mod untrusted;

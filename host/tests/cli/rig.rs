@@ -58,7 +58,9 @@ impl Done {
 }
 
 pub(crate) fn command(folder: &Folder, args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_rb-host"));
+    // `INSTALLED_RB_HOST=/path/rb-host` runs these tests with an installed program.
+    let installed = std::env::var_os("INSTALLED_RB_HOST");
+    let mut command = Command::new(installed.unwrap_or(env!("CARGO_BIN_EXE_rb-host").into()));
     for (name, _) in std::env::vars() {
         if name.starts_with("RB_") {
             command.env_remove(name);

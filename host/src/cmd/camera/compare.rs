@@ -106,11 +106,13 @@ fn data_set(args: &CompareArgs, context: &Context) -> Outcome {
     let longest = gaits.iter().map(FilmedGait::frames).max().unwrap_or(0);
     let shift_s = model.value(Key::CameraTimeShift).max(0.0);
     let duration_s = (longest + 1) as f64 / settings.rate_hz + shift_s;
+    let phase = context.out.phase("simulating and comparing");
     let trials = SimulatedMotions::new(&model, context.robot_model(), duration_s);
     let maker = FilmMaker::new(settings, &context.robot_model());
     let ratios = Likeness::new(&gaits, maker)
         .and_then(|likeness| likeness.ratios(&rows_of(&model), &trials))
         .map_err(|error| Failure::new(Exit::BadFile, error))?;
+    phase.finish_and_clear();
     let weighted: Vec<(f64, f64)> = gaits
         .iter()
         .map(|gait| gait.weight)

@@ -85,11 +85,13 @@ pub(super) fn import(args: &ImportArgs, context: &Context) -> Outcome {
     let folder = DataFolder::open(&args.source).map_err(|e| disk::bad_file(&args.source, &e))?;
     let sources = sources(&folder, &args.source, args.rate)?;
     disk::make_empty(&args.output)?;
+    let bar = context.out.progress(sources.len() as u64, "importing");
     let names = sources
         .par_iter()
         .enumerate()
-        .map(|(k, source)| convert(k, &folder, source, &args.output))
+        .map(|(k, source)| convert(k, &folder, source, &args.output).inspect(|_| bar.inc(1)))
         .collect::<Outcome<Vec<(String, [usize; 2])>>>()?;
+    bar.finish_and_clear();
     let (first, size) = &names[0];
     let extension = |name: &str| Path::new(name).extension().map(ToOwned::to_owned);
     for ((name, found), source) in names.iter().zip(&sources) {
@@ -277,6 +279,7 @@ pub(super) fn silhouette(args: &SilhouetteArgs, context: &Context) -> Outcome {
         None => median(&folder, &args.depth, &listed)?,
     };
     let held = Held::default();
+    let bar = context.out.progress(listed.len() as u64, "cutting out");
     let frames = listed
         .par_iter()
         .map(|(_, _, file)| {
@@ -286,9 +289,11 @@ pub(super) fn silhouette(args: &SilhouetteArgs, context: &Context) -> Outcome {
             };
             let frame = read_depth(&path, folder.file(file))?;
             let cut = depth::silhouette(&frame, &ground, args.closer).map_err(|e| bad(&e))?;
+            bar.inc(1);
             held.take(cut.cropped()).map_err(|e| bad(&e))
         })
         .collect::<Outcome<Vec<Silhouette>>>()?;
+    bar.finish_and_clear();
     let t_s = listed.iter().map(|(_, t_s, _)| *t_s).collect();
     let empty = frames.iter().filter(|frame| frame.area_px() == 0).count();
     let total: u64 = frames.iter().map(|frame| u64::from(frame.area_px())).sum();

@@ -46,6 +46,7 @@ pub(super) fn run(args: &SimulateArgs, context: &Context) -> Outcome {
     let rows = rows_of(&model);
     let maker = FilmMaker::new(settings, &context.robot_model());
     let duration_s = last_s + model.value(Key::CameraTimeShift).max(0.0) + 1.0 / settings.rate_hz;
+    let phase = context.out.phase("simulating and filming");
     let trials = SimulatedMotions::new(&model, context.robot_model(), duration_s);
     let job = MotionJob {
         gait: &gait,
@@ -64,6 +65,7 @@ pub(super) fn run(args: &SimulateArgs, context: &Context) -> Outcome {
         frames,
     };
     film.write(&args.output)?;
+    phase.finish_and_clear();
     let count = film.frames.len();
     let value = json!({ "folder": args.output, "frames": count, "gait": run.gait });
     context.out.result("rb.camera_simulate/1", value, || {
