@@ -253,8 +253,11 @@ fn median(
         .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display())))
 }
 
+/// Pictures of a folder: line of the index, time in s, file name.
+type Listed = Vec<(usize, f64, String)>;
+
 /// A folder of depth frames and its index.
-fn recorded(path: &Path) -> Outcome<(DataFolder, Vec<(usize, f64, String)>)> {
+fn recorded(path: &Path) -> Outcome<(DataFolder, Listed)> {
     let folder = DataFolder::open(path).map_err(|e| disk::bad_file(path, &e))?;
     let listed = index_in(&folder, "")?;
     Ok((folder, listed))
