@@ -3,10 +3,15 @@
 
 use super::wire::{MotorBus, Received};
 use crate::bus::{Bus, BusParams, Talker};
+use crate::rng::Rng;
 use protocol::bus::feedback::status;
 use protocol::bus::server::{DriverHandler, DriverServer};
+use protocol::bus::table::{WATCHDOG_MS, WATCHDOG_TRIPPED};
 use protocol::bus::{PackedFeedback, Register, RegisterFile, StatusError};
 use std::collections::VecDeque;
+
+/// One count of register 98, ns.
+const WATCHDOG_NS: u64 = WATCHDOG_MS as u64 * 1_000_000;
 
 /// What happens to a driver or to its bytes; tests set it, at any time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,6 +29,32 @@ pub enum Trouble {
     /// Applies another set-point than it was sent, urad away.
     WrongGoal(i32),
 }
+
+/// What the wire does to everything on it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Noise {
+    /// Share of answers that are lost whole.
+    pub reply_loss: f64,
+    /// Share of bytes in which one bit flips, for everybody on the wire.
+    pub corruption: f64,
+    /// Somebody sends bursts that nobody asked for.
+    pub babble: bool,
+}
+
+impl Noise {
+    /// Whether the wire carries everything as it is.
+    #[must_use]
+    pub fn is_quiet(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// Stream number of the noise on the wire.
+const PURPOSE_NOISE: u64 = 0x1D;
+/// Bytes of a burst of babble: a short packet.
+const BURST_BYTES: usize = 12;
+/// From one burst to the next, ns.
+const BURST_EVERY_NS: u64 = 700_000;
 
 /// One set-point that a driver took.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -57,6 +88,13 @@ struct Ideal {
     heard_ns: u64,
     watchdog_ns: Option<u64>,
     tripped: bool,
+    /// Its clock against true time.
+    clock_ratio: f64,
+    /// Packets that set its watchdog are lost.
+    forgets_watchdogs: bool,
+    /// How fast it moves, rad/s; `None` = it stands at once where it is told.
+    speed_rad_s: Option<u32>,
+    moved_ns: u64,
 }
 
 impl Ideal {
@@ -78,16 +116,39 @@ impl Ideal {
             heard_ns: 0,
             watchdog_ns: None,
             tripped: false,
+            clock_ratio: 1.0,
+            forgets_watchdogs: false,
+            speed_rad_s: None,
+            moved_ns: 0,
         }
     }
 
-    fn watch(&mut self, now_ns: u64) {
-        if self
-            .watchdog_ns
-            .is_some_and(|limit_ns| now_ns.saturating_sub(self.heard_ns) > limit_ns)
-        {
-            self.tripped = true;
+    /// Time on its own clock, ns.
+    fn own_ns(&self, true_ns: u64) -> u64 {
+        (true_ns as f64 * self.clock_ratio) as u64
+    }
+
+    fn starves(&self, now_ns: u64) -> bool {
+        let quiet_ns = self.own_ns(now_ns.saturating_sub(self.heard_ns));
+        self.watchdog_ns.is_some_and(|limit_ns| quiet_ns > limit_ns)
+    }
+
+    /// Moves on towards the goal.
+    fn go(&mut self, now_ns: u64) {
+        let Some(speed_rad_s) = self.speed_rad_s else {
+            return;
+        };
+        // 1 rad/s is 1 urad/us.
+        let most = (now_ns.saturating_sub(self.moved_ns) / 1_000) as i64 * i64::from(speed_rad_s);
+        if self.torque && !self.tripped && !self.starves(now_ns) {
+            let way = i64::from(self.goal_urad) - i64::from(self.position_urad);
+            self.position_urad += way.clamp(-most, most) as i32;
         }
+        self.moved_ns = now_ns;
+    }
+
+    fn watch(&mut self, now_ns: u64) {
+        self.tripped |= self.starves(now_ns);
     }
 
     fn status(&self) -> u8 {
@@ -109,6 +170,7 @@ impl Ideal {
 impl DriverHandler for Ideal {
     fn latch(&mut self, now_ns: u64) {
         self.watch(now_ns);
+        self.go(now_ns);
         self.now_ns = now_ns;
         self.heard_ns = now_ns;
     }
@@ -119,6 +181,11 @@ impl DriverHandler for Ideal {
             Register::GoalAngle => self.goal_urad,
             Register::PresentAngle => self.position_urad,
             Register::BootCount => i32::from(self.boots),
+            Register::BusWatchdog if self.tripped => WATCHDOG_TRIPPED,
+            Register::BusWatchdog => {
+                let counts = self.watchdog_ns.map(|ns| ns / WATCHDOG_NS);
+                counts.unwrap_or(0) as i32
+            }
             other => self.registers.get(other),
         }
     }
@@ -130,7 +197,7 @@ impl DriverHandler for Ideal {
             self.position_urad
         };
         let mut feedback = PackedFeedback {
-            tick_4us: ((self.now_ns - self.boot_ns) / 4000) as u16,
+            tick_4us: (self.own_ns(self.now_ns - self.boot_ns) / 4000) as u16,
             applied_urad,
             position_urad: self.position_urad,
             voltage_5mv: 1480,
@@ -160,7 +227,7 @@ impl DriverHandler for Ideal {
                     from_urad: self.position_urad,
                     torque: self.torque,
                 });
-                if self.torque {
+                if self.torque && self.speed_rad_s.is_none() {
                     self.position_urad = value;
                 }
             }
@@ -174,9 +241,10 @@ impl DriverHandler for Ideal {
                 }
                 self.torque = on;
             }
+            Register::BusWatchdog if self.forgets_watchdogs => {}
             Register::BusWatchdog => {
                 self.tripped = false;
-                self.watchdog_ns = (value > 0).then_some(value as u64 * 20_000_000);
+                self.watchdog_ns = (value > 0).then_some(value as u64 * WATCHDOG_NS);
             }
             other => self.registers.set(other, value),
         }
@@ -207,6 +275,9 @@ pub struct IdealMotors {
     drop_every: u64,
     heard: u64,
     stall_ns: u64,
+    noise: Noise,
+    rng: Rng,
+    burst_ns: u64,
 }
 
 impl IdealMotors {
@@ -228,7 +299,44 @@ impl IdealMotors {
             drop_every: 0,
             heard: 0,
             stall_ns: 0,
+            noise: Noise::default(),
+            rng: Rng::new(0, PURPOSE_NOISE, 0),
+            burst_ns: 0,
         }
+    }
+
+    /// Other chance from here on.
+    pub fn reseed(&mut self, seed: u64) {
+        self.rng = Rng::new(seed, PURPOSE_NOISE, 0);
+    }
+
+    /// What the wire does from now on.
+    pub fn set_noise(&mut self, noise: Noise) {
+        self.noise = noise;
+        self.burst_ns = self.now_ns;
+    }
+
+    /// The drivers take their time to where they are told, rad/s.
+    pub fn set_speed(&mut self, speed_rad_s: u32) {
+        for (_, driver) in &mut self.drivers {
+            driver.speed_rad_s = Some(speed_rad_s);
+        }
+    }
+
+    /// The clock of a driver against true time.
+    pub fn set_clock(&mut self, joint: usize, ratio: f64) {
+        self.drivers[joint].1.clock_ratio = ratio;
+    }
+
+    /// Packets that set the watchdog of a driver are lost from now on, or no longer.
+    pub fn forget_watchdogs(&mut self, joint: usize, lost: bool) {
+        self.drivers[joint].1.forgets_watchdogs = lost;
+    }
+
+    /// Whether a driver lets go by itself when nobody talks to it any more.
+    #[must_use]
+    pub fn has_watchdog(&self, joint: usize) -> bool {
+        self.drivers[joint].1.watchdog_ns.is_some()
     }
 
     /// The module's next packet keeps its task this much longer: an overrun of the cycle.
@@ -240,6 +348,13 @@ impl IdealMotors {
     pub fn trouble(&mut self, joint: usize, trouble: Trouble) {
         self.drivers[joint].1.trouble = trouble;
         self.drivers[joint].1.frozen = None;
+    }
+
+    /// As [`IdealMotors::trouble`], but a trouble that goes on goes on as it is.
+    pub fn set_trouble(&mut self, joint: usize, trouble: Trouble) {
+        if self.drivers[joint].1.trouble != trouble {
+            self.trouble(joint, trouble);
+        }
     }
 
     /// A driver restarts: torque off, zero lost.
@@ -282,10 +397,7 @@ impl IdealMotors {
     #[must_use]
     pub fn is_driving(&self, joint: usize) -> bool {
         let driver = &self.drivers[joint].1;
-        let starved = driver
-            .watchdog_ns
-            .is_some_and(|limit_ns| self.now_ns.saturating_sub(driver.heard_ns) > limit_ns);
-        driver.torque && !driver.tripped && !starved
+        driver.torque && !driver.tripped && !driver.starves(self.now_ns)
     }
 
     /// Whether a driver's torque is on.
@@ -300,13 +412,30 @@ impl IdealMotors {
         self.drivers[joint].1.taken.clone()
     }
 
+    /// Puts the bursts of babble on the wire that begin by `now_ns`.
+    fn burst(&mut self, now_ns: u64) {
+        while self.noise.babble && self.burst_ns <= now_ns {
+            let burst: [u8; BURST_BYTES] = std::array::from_fn(|_| self.rng.next_u64() as u8);
+            let stranger = Talker::Driver(usize::MAX);
+            self.bus.send(self.burst_ns, stranger, &burst);
+            self.burst_ns += BURST_EVERY_NS;
+        }
+    }
+
+    /// The byte as everybody on the wire receives it.
+    fn disturb(&mut self, byte: u8) -> u8 {
+        let flipped = if self.rng.chance(self.noise.corruption) {
+            1 << (self.rng.next_u64() % 8)
+        } else {
+            0
+        };
+        byte ^ flipped ^ if self.babbling { 0x5A } else { 0 }
+    }
+
     fn run_to(&mut self, now_ns: u64) {
+        self.burst(now_ns);
         while let Some(delivery) = self.bus.deliver(now_ns) {
-            let byte = if self.babbling {
-                delivery.byte ^ 0x5A
-            } else {
-                delivery.byte
-            };
+            let byte = self.disturb(delivery.byte);
             for index in 0..self.drivers.len() {
                 let own = delivery.from == Talker::Driver(index);
                 let (server, driver) = &mut self.drivers[index];
@@ -315,7 +444,8 @@ impl IdealMotors {
                 }
                 let reply = server.push(byte, delivery.at_ns, driver);
                 let mute = driver.trouble == Trouble::Mute;
-                if let Some(reply) = reply.filter(|_| !mute) {
+                let reply = reply.filter(|_| !mute);
+                if let Some(reply) = reply.filter(|_| !self.rng.chance(self.noise.reply_loss)) {
                     self.bus.send(
                         reply.send_at_ns.max(delivery.at_ns),
                         Talker::Driver(index),
@@ -377,12 +507,13 @@ impl MotorBus for IdealMotors {
             .iter()
             .filter_map(|(server, _)| server.deadline_ns());
         deadlines
+            .chain(self.noise.babble.then_some(self.burst_ns))
             .chain(self.bus.next_delivery_ns())
             .filter(|at| *at > self.now_ns)
             .min()
     }
 
     fn wire(&self) -> Option<&Bus> {
-        (self.drop_every == 0 && !self.babbling).then_some(&self.bus)
+        (self.drop_every == 0 && !self.babbling && self.noise.is_quiet()).then_some(&self.bus)
     }
 }

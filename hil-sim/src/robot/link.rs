@@ -103,12 +103,14 @@ impl LinkLine {
     }
 
     /// Client side: puts bytes on the line. Lost when the link is cut, or when they are more than the module's ring holds.
-    pub fn write(&self, bytes: &[u8]) {
+    /// Returns when the last one arrives, ns.
+    pub fn write(&self, bytes: &[u8]) -> u64 {
         let now_ns = self.now_ns();
         let line = &mut *self.line.borrow_mut();
         if line.connected {
             line.to_module.send_bounded(now_ns, line.byte_ns, bytes);
         }
+        line.to_module.free_at_ns
     }
 
     /// Client side: takes every byte that has arrived by now.

@@ -176,6 +176,12 @@ impl<M: MotorBus + 'static> EmulatedRobot<M> {
         self.advance(until_us, move || line.readable());
     }
 
+    /// Runs to `until_us`, or until the power of the flash has failed.
+    pub fn run_until_cut(&mut self, until_us: u64) {
+        let flash = self.flash.clone();
+        self.advance(until_us, move || !flash.0.borrow().is_powered());
+    }
+
     fn advance(&mut self, until_us: u64, ready: impl Fn() -> bool) {
         loop {
             let bite_us = self.board.watchdog_us();
