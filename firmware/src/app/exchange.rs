@@ -2,14 +2,15 @@
 //!
 //! ```text
 //! control cycle   read all ─▶ read again who is missing (2 x) ─▶ error register of who complains ─▶ decide ─▶
-//!                 drivers that come into use ─▶ settings of new drivers ─▶ torque where it differs ─▶ set-points ─▶
+//!                 torque off, drivers that come into use ─▶ watchdogs of new drivers, set and read back ─▶ torque on ─▶
+//!                 set-points ─▶
 //!                 a host's raw packet (not in motion)
 //! reading         read all
 //! ```
 //!
-//! Every phase is entered a bounded number of times per cycle, so the number of packets is bounded: at most 10, and with all
-//! six drivers silent the three tries take 18.3 ms of the 50. Servos that come into use (not ours, not in motion) take
-//! [`SETUP_PACKETS`] more; a series without Sync Read is read one by one.
+//! Every phase is entered a bounded number of times per cycle, so the number of packets is bounded: at most 10, two more for
+//! each driver that complains or is new, and with all six drivers silent the three tries take 18.3 ms of the 50. Servos that
+//! come into use (not ours, not in motion) take [`SETUP_PACKETS`] more; a series without Sync Read is read one by one.
 
 use super::core::Core;
 use super::motors::Motor;
@@ -63,13 +64,15 @@ enum Phase {
     },
     Errors,
     Decide,
+    TorqueOff,
     Setup {
         packets: u8,
     },
     WatchdogOff,
     WatchdogOn,
+    WatchdogRead,
     GoalHere,
-    Torque,
+    TorqueOn,
     SetPoints,
     Raw,
     Done,
@@ -86,7 +89,7 @@ pub struct Master {
     request_len: u64,
     /// Drivers whose error register is to be read.
     ask_errors: u8,
-    asking: Option<usize>,
+    asking: Option<Asking>,
     /// Driver whose answer brings it into use.
     setting_up: Option<usize>,
     /// Joint whose turn it is to come into use.
@@ -97,6 +100,13 @@ pub struct Master {
     heard_anything: bool,
     listened_us: u64,
     raw_sent: bool,
+}
+
+/// One register of one joint's driver that is read for itself.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Asking {
+    Error(usize),
+    Watchdog(usize),
 }
 
 /// Cycles with bytes on the bus but no valid answer that mean a babbling or stuck line.
@@ -163,36 +173,40 @@ impl Master {
                 if core.command().torque {
                     self.off_repeats = OFF_REPEATS;
                 }
+                (None, Phase::TorqueOff)
+            }
+            // Before the watchdogs: one that has tripped holds back a driver that still has torque.
+            Phase::TorqueOff => {
                 let packets = if core.command().torque {
                     0
                 } else {
                     SETUP_PACKETS
                 };
-                (None, Phase::Setup { packets })
+                (self.torque_off(core), Phase::Setup { packets })
             }
             Phase::WatchdogOff => {
                 self.configure = 0;
-                if !core.command().torque {
-                    self.configure = core.motors.mask(Motor::needs_settings);
+                if !core.command().torque || core.wants_torque_on() {
+                    let wants =
+                        |motor: &Motor| motor.needs_settings() && motor.torque() == Some(false);
+                    self.configure = core.motors.mask(wants);
                 }
                 (self.watchdog(info, 0), Phase::WatchdogOn)
             }
             Phase::WatchdogOn => {
-                let request = self.watchdog(info, i32::from(WATCHDOG_COUNTS));
-                for motor in core.motors.iter_mut().filter(|_| request.is_some()) {
-                    motor.settings_sent();
-                }
-                (request, Phase::GoalHere)
+                let counts = i32::from(WATCHDOG_COUNTS);
+                (self.watchdog(info, counts), Phase::WatchdogRead)
             }
+            Phase::WatchdogRead => return self.read_watchdog(core),
             Phase::GoalHere => {
                 let goals = if core.wants_torque_on() {
                     core.goals_here()
                 } else {
                     Vec::new()
                 };
-                (set_points(info, &goals), Phase::Torque)
+                (set_points(info, &goals), Phase::TorqueOn)
             }
-            Phase::Torque => (self.torque(core), Phase::SetPoints),
+            Phase::TorqueOn => (torque_on(core), Phase::SetPoints),
             Phase::SetPoints => (set_points(info, &core.goals()), Phase::Raw),
             Phase::Raw | Phase::Done => (None, self.phase),
         };
@@ -260,16 +274,30 @@ impl Master {
         info.read_feedback(&ids).ok()
     }
 
+    /// The phase stays: each pass takes one driver off its list.
     fn read_error(&mut self, info: &ProfileInfo) -> Option<Request> {
-        let joint = (0..JOINTS).find(|joint| self.ask_errors >> joint & 1 != 0);
-        let Some(joint) = joint else {
+        let Some(joint) = take_first(&mut self.ask_errors) else {
             self.phase = Phase::Decide;
             return None;
         };
-        // The phase stays: each pass takes one driver off the list.
-        self.ask_errors &= !(1 << joint);
-        self.asking = Some(joint);
+        self.asking = Some(Asking::Error(joint));
         info.read_field(id_of(joint), &info.hardware_error).ok()
+    }
+
+    /// A driver whose watchdog is not certain gets no torque: the packet that sets it has no answer and may be lost.
+    fn read_watchdog(&mut self, core: &mut Core) -> Option<Request> {
+        let Some(joint) = take_first(&mut self.configure) else {
+            self.phase = Phase::GoalHere;
+            return None;
+        };
+        let info = core.motors.info();
+        let Some(field) = info.watchdog.as_ref() else {
+            // A series without one.
+            core.motors.get_mut(joint)?.note_guarded();
+            return None;
+        };
+        self.asking = Some(Asking::Watchdog(joint));
+        info.read_field(id_of(joint), field).ok()
     }
 
     /// The next packet for a driver that comes into use. Every pass takes one off the packets of this cycle, and a joint its turn.
@@ -318,12 +346,8 @@ impl Master {
         sync_write(info, info.watchdog.as_ref()?, &collect(values))
     }
 
-    fn torque(&mut self, core: &Core) -> Option<Request> {
+    fn torque_off(&mut self, core: &Core) -> Option<Request> {
         let info = core.motors.info();
-        if core.wants_torque_on() {
-            let off = core.motors.mask(|motor| motor.torque() == Some(false));
-            return sync_write(info, &info.torque, &collect(ids_of(off).map(|id| (id, 1))));
-        }
         if core.command().torque {
             return None;
         }
@@ -453,8 +477,7 @@ impl Master {
         while let Some(answer) = exchange.next_answer() {
             let joint = usize::from(answer.id.wrapping_sub(FIRST_ID));
             if let Some(asking) = self.asking {
-                let bits = info.hardware_error.value_of(answer.data);
-                core.hardware_error(asking, bits as u8);
+                take_asked(core, asking, answer.data);
                 continue;
             }
             if let Some(joint) = self.setting_up {
@@ -522,7 +545,7 @@ impl Master {
         core.counts.bus_stray = stray
             .iter()
             .fold(core.counts.bus_stray, |sum, n| sum.saturating_add(*n));
-        if let Some(joint) = self.asking.take()
+        if let Some(Asking::Error(joint)) = self.asking.take()
             && missing > 0
         {
             core.hardware_error(joint, 0);
@@ -549,6 +572,44 @@ pub const FIRST_ID: u8 = 1;
 fn id_of(joint: usize) -> u8 {
     // Joints are 0..6.
     FIRST_ID.saturating_add(joint as u8)
+}
+
+/// Takes the first joint off a list.
+fn take_first(mask: &mut u8) -> Option<usize> {
+    let joint = (0..JOINTS).find(|joint| *mask >> joint & 1 != 0)?;
+    *mask &= !(1 << joint);
+    Some(joint)
+}
+
+/// What a register says that was asked for.
+fn take_asked(core: &mut Core, asking: Asking, data: &[u8]) {
+    let info = core.motors.info();
+    match asking {
+        Asking::Error(joint) => {
+            let bits = info.hardware_error.value_of(data);
+            core.hardware_error(joint, bits as u8);
+        }
+        Asking::Watchdog(joint) => {
+            let counts = info.watchdog.as_ref().map(|field| field.value_of(data));
+            if counts == Some(i32::from(WATCHDOG_COUNTS))
+                && let Some(motor) = core.motors.get_mut(joint)
+            {
+                motor.note_guarded();
+            }
+        }
+    }
+}
+
+/// Torque for the drivers that lack it and whose watchdog is certain, once the run asks for it.
+fn torque_on(core: &Core) -> Option<Request> {
+    if !core.wants_torque_on() {
+        return None;
+    }
+    let info = core.motors.info();
+    let off = core
+        .motors
+        .mask(|motor| motor.torque() == Some(false) && !motor.needs_settings());
+    sync_write(info, &info.torque, &collect(ids_of(off).map(|id| (id, 1))))
 }
 
 fn ids_of(mask: u8) -> impl Iterator<Item = u8> {

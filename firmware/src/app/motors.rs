@@ -172,8 +172,9 @@ impl Motor {
             self.forget();
         }
         if let Some(last) = self.last.filter(|_| now_us > self.last_us) {
-            if last.tick_4us == feedback.tick_4us && now_us - self.last_us < 200_000 {
-                // The same measurement again: the driver's loop stands. It counts as no answer.
+            // The same measurement again: the driver's loop stands, for however long. It counts as no answer. The tick alone comes round every 262 ms.
+            let soon = now_us - self.last_us < 200_000;
+            if last.tick_4us == feedback.tick_4us && (soon || last == feedback) {
                 return findings;
             }
             if self.jumped(model, joint, &last, &feedback, now_us) {
@@ -435,8 +436,8 @@ impl Motor {
         self.present() && (self.configure || self.watchdog_tripped())
     }
 
-    /// The settings went out.
-    pub fn settings_sent(&mut self) {
+    /// The driver says that its watchdog is set.
+    pub fn note_guarded(&mut self) {
         self.configure = false;
     }
 

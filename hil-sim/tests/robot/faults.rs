@@ -436,3 +436,63 @@ fn a_stall_longer_than_the_watchdog_resets_the_processor_and_nothing_moves_after
         (ModuleState::Unhomed, protocol::link::ResetCause::Watchdog)
     );
 }
+
+/// A watchdog is set by a packet that has no answer. One that was lost left a driver with torque and without a watchdog.
+#[test]
+fn no_driver_gets_torque_before_it_says_that_its_watchdog_is_set() {
+    for joint in 0..6 {
+        let mut robot = EmulatedRobot::ideal(Setup {
+            link_byte_ns: 0,
+            ..Setup::default()
+        });
+        // It answers, and whatever sets its watchdog is lost.
+        robot.motors().borrow_mut().forget_watchdogs(joint, true);
+        let mut host = SimHost::new(robot.link());
+        host.home(&mut robot).expect("drivers answer");
+        let digest = host
+            .upload(&mut robot, 0, &crate::common::gait(0))
+            .expect("clear");
+        host.start(&mut robot, 0, digest, 1_000, TelemetryRate::Off)
+            .expect("ready");
+        robot.run_for(2_000_000);
+        assert!(!robot.motors().borrow().torque(joint), "joint {joint}");
+        robot.motors().borrow_mut().forget_watchdogs(joint, false);
+        let end = host.wait_for_end(&mut robot, 20_000_000).expect("ends");
+        assert_eq!(end.reason, EndReason::Completed, "joint {joint}");
+    }
+}
+
+/// A driver whose watchdog has tripped keeps its torque and goes on towards its last set-point once the watchdog is cleared.
+#[test]
+fn a_driver_that_comes_back_loses_torque_before_its_watchdog_is_cleared() {
+    for joint in 0..6 {
+        let (mut robot, _) = running(1, 10_000);
+        robot.motors().borrow_mut().trouble(joint, Trouble::Missing);
+        robot.run_for(8_000_000);
+        assert!(robot.motors().borrow().torque(joint), "as it was left");
+        robot.motors().borrow_mut().trouble(joint, Trouble::None);
+        for _ in 0..20_000 {
+            robot.run_for(20);
+            assert!(!robot.motors().borrow().is_driving(joint), "joint {joint}");
+        }
+        assert!(!robot.motors().borrow().torque(joint));
+    }
+}
+
+/// The driver's tick comes round every 262 ms. A measurement that stood still counted as a new one after 200 ms.
+#[test]
+fn a_measurement_that_stands_still_stays_lost() {
+    let (mut robot, mut host, digest) = ready(0);
+    robot.motors().borrow_mut().trouble(3, Trouble::Frozen);
+    robot.run_for(500_000);
+    for _ in 0..40 {
+        robot.run_for(50_000);
+        assert_eq!(info(&mut robot, &mut host).motor_mask, 0b11_0111);
+        let refused = host.start(&mut robot, 0, digest, 1_000, TelemetryRate::Off);
+        let missing_mask = 0b00_1000;
+        assert_eq!(
+            refused,
+            Err(AskError::Rejected(Reject::MotorsMissing { missing_mask }))
+        );
+    }
+}
