@@ -10,6 +10,7 @@
 //! - [`world`]: drivers, joints, supply, body and bus on one virtual clock
 //! - `board`: the firmware image in QEMU, on Unix
 //! - [`robot`]: the firmware application run natively against all of the above
+//! - [`schedule`]: seeded schedules of faults over the whole chain, and the laws that hold in each
 //!
 //! - [`recorder`]: data sets with a known truth
 //! - [`endpoint`], [`pace`]: pseudo-terminal, TCP, serial port, and the wall clock for foreign clients
@@ -36,5 +37,6 @@ pub mod recorder;
 pub mod rng;
 pub mod robot;
 pub mod scenario;
+pub mod schedule;
 pub mod supply;
 pub mod world;

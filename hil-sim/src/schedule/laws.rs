@@ -1,0 +1,544 @@
+//! The laws, looked at from the motors' side of the wire: what the module sent, what the drivers do, what the
+//! hosts were told.
+//!
+//! Nothing here asks the firmware. Positions, distances and the meaning of packets are computed again.
+
+use super::channel::{Delivered, Order};
+use super::desk::{Note, Record};
+use super::reading::{EDGE_M, end_cubes_apart_m, read_packet};
+use super::wire::{Sent, Watched};
+use crate::robot::ideal::IdealMotors;
+use control::motion::MotionParams;
+use control::precheck::{Margins, Verdict, check_move};
+use protocol::bus::{Instruction, Register};
+use protocol::link::{Digest, RunEnd};
+use std::fmt;
+
+/// Joints of the robot.
+const JOINTS: usize = 6;
+/// A cycle, us: 20 Hz (the paper).
+const CYCLE_US: u64 = 50_000;
+/// From a reason to let go to torque off on a clean bus, us: one cycle, and 3 ms for its packets.
+pub(crate) const OFF_US: u64 = 53_000;
+/// Ramp and hold of a run that is stopped, us. At a rate of 6 1/s 0.25 rad are below 1 mrad after 0.92 s; a second
+/// of hold follows,
+/// and another one when a fault strikes in it.
+const REST_US: u64 = 3_200_000;
+/// Set-points leave within this time after a reading was asked for, us: half a cycle.
+const SAME_CYCLE_US: u64 = 25_000;
+/// A driver that gave no new measurement for three cycles gets no set-point, us; the reading of the fourth is over
+/// 25 ms later.
+const STALE_US: u64 = 3 * CYCLE_US + SAME_CYCLE_US;
+/// Life of a challenge, us.
+const CHALLENGE_US: u64 = 5_000_000;
+/// Rounding of set-points, f32 angles and wire counts, urad.
+const ROUNDING_URAD: i64 = 30;
+
+/// A law that did not hold.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Violation {
+    /// Which.
+    pub law: Law,
+    /// When, us of virtual time.
+    pub at_us: u64,
+    /// What was seen.
+    pub what: String,
+}
+
+impl fmt::Display for Violation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let at_s = self.at_us as f64 * 1e-6;
+        write!(f, "{:?} at {at_s:.4} s: {}", self.law, self.what)
+    }
+}
+
+/// The laws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Law {
+    /// No set-point leads to an overlap, and every move was one that the pre-check certifies.
+    Checked,
+    /// No set-point is further from the one before than a joint turns in a cycle.
+    Reachable,
+    /// No set-point is older than its cycle, or built on readings of a silent driver.
+    Fresh,
+    /// Torque and set-points only by an order of this boot that no STOP has voided; one run for one order.
+    Ordered,
+    /// Torque is off 53 ms after STOP, the end of the run, of the lease, of the hold, or a restart.
+    LetGo,
+    /// A driver with torque lets go by itself when the module is silent.
+    Guarded,
+    /// A slot holds the old gait or the new one.
+    Stored,
+    /// The record of a run is whole to its last sample.
+    Recorded,
+    /// The module restarts only when something made it.
+    Alive,
+    /// When the faults are gone, the robot runs again.
+    ComesBack,
+}
+
+/// A start order that reached the module.
+#[derive(Debug, Clone, Copy)]
+struct Grant {
+    number: u64,
+    at_us: u64,
+    runs_us: u64,
+    lease_us: Option<u64>,
+    beat_us: u64,
+}
+
+impl Grant {
+    /// Until when torque may be on by this order, us.
+    fn until_us(&self) -> u64 {
+        let run_us = self.at_us + self.runs_us;
+        let leased_us = self.lease_us.map(|lease_us| self.beat_us + lease_us);
+        leased_us.map_or(run_us, |at| at.min(run_us)) + REST_US
+    }
+}
+
+/// What a slot may hold.
+#[derive(Debug, Clone, Default)]
+struct Slot {
+    certain: Option<Digest>,
+    /// Uploads without an answer, by host.
+    possible: Vec<(usize, Digest)>,
+}
+
+/// Everything the laws remember.
+#[derive(Debug)]
+pub(crate) struct Laws {
+    motion: MotionParams,
+    keyed: bool,
+    /// Where each encoder stands at the home pose, urad.
+    pub(crate) home_urad: [i32; JOINTS],
+    goals: [Option<i32>; JOINTS],
+    /// What the module sent each driver, and when, us: for the record.
+    sent_goals: Vec<(u64, usize, i32)>,
+    read_us: u64,
+    torque_asked: bool,
+    runs: u64,
+    orders: u64,
+    grants: Vec<Grant>,
+    stopped_us: u64,
+    /// Since when nobody may have torque, unless an order says so, us.
+    lapsed_us: u64,
+    /// Until when bus, task or drivers were disturbed, us.
+    pub(crate) disturbed_us: u64,
+    slots: [Slot; 8],
+    last_end: Option<RunEnd>,
+    /// When each driver restarted, us.
+    lost_us: [Option<u64>; JOINTS],
+    /// Whether encoders jumped: the set-points of the record are then in a frame that nobody but the module knows.
+    pub(crate) jumped: bool,
+    /// Whether packets on the bus overtake each other: the one that clears a watchdog may then come after the one
+    /// that was read back.
+    pub(crate) disordered: bool,
+    /// Runs that came to their end, whole records, set-points looked at.
+    pub(crate) counts: Counts,
+    /// The first law that did not hold.
+    pub(crate) broken: Option<Violation>,
+}
+
+/// How much was looked at.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Counts {
+    /// Set-point packets.
+    pub set_points: u64,
+    /// Times torque was switched on for a run.
+    pub runs: u64,
+    /// Records that were compared whole.
+    pub records: u64,
+    /// Uploads that were acknowledged.
+    pub uploads: u64,
+    /// Times that torque had to be off.
+    pub offs: u64,
+    /// Runs to their end after the faults.
+    pub completed: u64,
+}
+
+impl Counts {
+    /// Adds those of another schedule.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.set_points += other.set_points;
+        self.runs += other.runs;
+        self.records += other.records;
+        self.uploads += other.uploads;
+        self.offs += other.offs;
+        self.completed += other.completed;
+    }
+}
+
+impl Laws {
+    /// Nothing seen yet.
+    #[must_use]
+    pub(crate) fn new(keyed: bool, home_urad: [i32; JOINTS], held: &[(usize, Digest)]) -> Self {
+        let mut slots: [Slot; 8] = Default::default();
+        for (slot, digest) in held {
+            slots[*slot].certain = Some(*digest);
+        }
+        Self {
+            motion: MotionParams::default(),
+            keyed,
+            home_urad,
+            goals: [None; JOINTS],
+            sent_goals: Vec::new(),
+            read_us: 0,
+            torque_asked: false,
+            runs: 0,
+            orders: 0,
+            grants: Vec::new(),
+            stopped_us: 0,
+            lapsed_us: 0,
+            disturbed_us: 0,
+            slots,
+            last_end: None,
+            lost_us: [None; JOINTS],
+            jumped: false,
+            disordered: false,
+            counts: Counts::default(),
+            broken: None,
+        }
+    }
+
+    /// Notes a violation; the first one stays.
+    pub(crate) fn break_law(&mut self, law: Law, at_us: u64, what: String) {
+        self.broken.get_or_insert(Violation { law, at_us, what });
+    }
+
+    /// The module restarted.
+    pub(crate) fn restarted(&mut self, at_us: u64) {
+        self.grants.clear();
+        (self.runs, self.orders) = (0, 0);
+        self.torque_asked = false;
+        self.goals = [None; JOINTS];
+        self.lapsed_us = at_us;
+        self.disturbed_us = self.disturbed_us.max(at_us);
+    }
+
+    /// The STOP input is released. It was seen if it was down for a cycle: then no earlier order counts any more.
+    pub(crate) fn stop_released(&mut self, pressed_us: u64, now_us: u64) {
+        if now_us - pressed_us > OFF_US {
+            self.grants.clear();
+            self.lapsed_us = self.lapsed_us.max(pressed_us);
+        }
+    }
+
+    /// An undamaged frame goes into the module. `epoch`: its restarts so far.
+    pub(crate) fn delivered(&mut self, delivered: &Delivered, epoch: u32) {
+        let Delivered { frame, at_us } = delivered;
+        let Some((number, order)) = frame.order else {
+            return;
+        };
+        let late = at_us.saturating_sub(frame.made_us) > CHALLENGE_US;
+        let void = frame.made_us < self.stopped_us || late;
+        if frame.epoch != epoch || self.keyed && void {
+            return;
+        }
+        match order {
+            Order::Start { runs_us, lease_us } => {
+                if self.grants.iter().all(|grant| grant.number != number) {
+                    self.orders += 1;
+                    self.grants.push(Grant {
+                        number,
+                        at_us: *at_us,
+                        runs_us,
+                        lease_us,
+                        beat_us: *at_us,
+                    });
+                }
+            }
+            Order::Beat => {
+                for grant in &mut self.grants {
+                    grant.beat_us = grant.beat_us.max(*at_us);
+                }
+            }
+        }
+    }
+
+    /// A host was told something.
+    pub(crate) fn noted(&mut self, host: usize, note: &Note, record: &Record, now_us: u64) {
+        match note {
+            Note::Stopped => {
+                self.stopped_us = now_us;
+                // What was ordered before ramps down and holds; afterwards it counts no more.
+                for grant in &mut self.grants {
+                    let left_us = now_us.saturating_sub(grant.at_us);
+                    grant.runs_us = grant.runs_us.min(left_us);
+                }
+            }
+            Note::Ended(end) => self.last_end = Some(*end),
+            Note::Uploading(slot, digest) => {
+                self.slots[usize::from(*slot)]
+                    .possible
+                    .push((host, *digest));
+            }
+            Note::Stored(slot, digest) => {
+                self.counts.uploads += 1;
+                let slot = &mut self.slots[usize::from(*slot)];
+                slot.certain = Some(*digest);
+                // A host has one upload under way at a time.
+                slot.possible.retain(|(by, _)| *by != host);
+            }
+            Note::Drained(run) => self.whole(*run, record, now_us),
+            Note::Completed(end, duration_ms) => {
+                self.counts.completed += 1;
+                let want = duration_ms / 50;
+                if end.cycles != want {
+                    let what = format!("{} cycles of {want}", end.cycles);
+                    self.break_law(Law::ComesBack, now_us, what);
+                }
+            }
+        }
+    }
+
+    /// The record of a run whose end was told.
+    fn whole(&mut self, run: u16, record: &Record, now_us: u64) {
+        let end = self.last_end.filter(|end| end.run == run);
+        let Some(end) = end.filter(|_| record.run == run) else {
+            return;
+        };
+        self.counts.records += 1;
+        let wanted = u64::from(end.samples - end.dropped.min(end.samples));
+        let got = record.samples.len() as u64;
+        let mut fault = record.damaged.clone();
+        if got != wanted {
+            fault = Some(format!(
+                "{got} of {wanted} samples, {} dropped",
+                end.dropped
+            ));
+        }
+        let times: Vec<u64> = record.samples.values().map(|sample| sample.0).collect();
+        if !times.is_sorted_by(|a, b| a < b) {
+            fault = Some("times that do not rise".to_owned());
+        }
+        if let Some(what) = self.differs(record).filter(|_| !self.jumped) {
+            fault = Some(what);
+        }
+        if let Some(what) = fault {
+            self.break_law(Law::Recorded, now_us, format!("run {run}: {what}"));
+        }
+    }
+
+    /// Whether the record shows a set-point that was not the last one sent.
+    fn differs(&self, record: &Record) -> Option<String> {
+        use protocol::link::telemetry::flags;
+        for (index, (t_us, goals, bits)) in &record.samples {
+            if bits & flags::NEW_SETPOINT == 0 {
+                continue;
+            }
+            for (joint, recorded) in goals.iter().enumerate() {
+                let before = self.sent_goals.iter().rev();
+                let mut before = before.filter(|(at, j, _)| *j == joint && *at <= *t_us);
+                let sent = before.next().map(|(_, _, raw)| raw - self.home_urad[joint]);
+                if sent.is_some_and(|sent| sent != *recorded) {
+                    return Some(format!(
+                        "sample {index}, joint {joint}: {recorded} urad recorded, {sent:?} sent"
+                    ));
+                }
+            }
+        }
+        None
+    }
+
+    /// A driver restarted: its encoder begins to count at 0 where the joint stands.
+    pub(crate) fn encoder_lost(&mut self, now_us: u64, joint: usize, stood_urad: i32) {
+        self.lost_us[joint] = Some(now_us);
+        self.home_urad[joint] = self.home_urad[joint].saturating_sub(stood_urad);
+        self.goals[joint] = None;
+        self.sent_goals.retain(|(_, j, _)| *j != joint);
+    }
+
+    /// The user has put a joint into the home pose.
+    pub(crate) fn placed(&mut self, joint: usize, home_urad: i32) {
+        self.home_urad[joint] = home_urad;
+        self.goals[joint] = None;
+    }
+
+    /// What the module has sent since the last look.
+    pub(crate) fn sent(&mut self, bus: &mut Watched, troubled: impl Fn(usize) -> bool) {
+        for packet in std::mem::take(&mut bus.sent) {
+            self.packet(&packet, &troubled);
+        }
+    }
+
+    fn packet(&mut self, packet: &Sent, troubled: impl Fn(usize) -> bool) {
+        let at_us = packet.at_us;
+        let Some((instruction, address, values)) = read_packet(&packet.bytes) else {
+            self.break_law(
+                Law::Checked,
+                at_us,
+                format!("no packet: {:02x?}", packet.bytes),
+            );
+            return;
+        };
+        if instruction == Instruction::SyncRead as u8
+            || instruction == Instruction::FastSyncRead as u8
+        {
+            self.read_us = at_us;
+        }
+        if instruction != Instruction::SyncWrite as u8 {
+            return;
+        }
+        if address == Register::TorqueEnable.address() {
+            self.torque(at_us, values.iter().any(|(_, value)| *value == 1));
+        } else if address == Register::GoalAngle.address() {
+            self.set_points(packet, &values, troubled);
+        }
+    }
+
+    fn authorised(&self, at_us: u64) -> bool {
+        self.grants
+            .iter()
+            .any(|grant| at_us >= grant.at_us && at_us <= grant.until_us() + OFF_US)
+    }
+
+    fn torque(&mut self, at_us: u64, on: bool) {
+        if on && !self.torque_asked {
+            self.runs += 1;
+            self.counts.runs += 1;
+            self.goals = [None; JOINTS];
+            let orders = self.orders;
+            if self.runs > orders {
+                let what = format!("{} runs after {orders} orders", self.runs);
+                self.break_law(Law::Ordered, at_us, what);
+            }
+        }
+        if on && !self.authorised(at_us) {
+            self.break_law(Law::Ordered, at_us, "torque on without an order".to_owned());
+        }
+        self.torque_asked = on;
+    }
+
+    fn set_points(
+        &mut self,
+        packet: &Sent,
+        values: &[(usize, i32)],
+        troubled: impl Fn(usize) -> bool,
+    ) {
+        let at_us = packet.at_us;
+        self.counts.set_points += 1;
+        if !self.authorised(at_us) {
+            self.break_law(Law::Ordered, at_us, "set-point without an order".to_owned());
+        }
+        if at_us - self.read_us > SAME_CYCLE_US {
+            let late_us = at_us - self.read_us;
+            self.break_law(Law::Fresh, at_us, format!("{late_us} us after the reading"));
+        }
+        let from = self.pose(&self.goals, packet);
+        let (mut next, mut moving, mut blind) = (self.goals, false, false);
+        for (joint, goal) in values {
+            let (joint, goal) = (*joint, *goal);
+            if joint >= JOINTS {
+                continue;
+            }
+            let here = packet.at(joint, &self.goals);
+            // Before torque each driver is sent where it stands, by a reading that may be of a moment ago.
+            moving |= packet.torque[joint] || self.goals[joint].is_some();
+            // The module cannot know yet, and a driver that has just restarted has no torque.
+            let lost = self.lost_us[joint].is_some_and(|lost| at_us - lost < CYCLE_US);
+            blind |= lost;
+            let step = (i64::from(goal) - i64::from(here)).abs();
+            if step > most_urad(joint) && !self.jumped && !lost && !troubled(joint) {
+                let what = format!("joint {joint}: {step} urad from the last one");
+                self.break_law(Law::Reachable, at_us, what);
+            }
+            let heard = packet.heard_us[joint];
+            if heard.is_none_or(|heard| at_us - heard > STALE_US) {
+                let what = format!("joint {joint} gave its last measurement at {heard:?} us");
+                self.break_law(Law::Fresh, at_us, what);
+            }
+            next[joint] = Some(goal);
+            self.sent_goals.push((at_us, joint, goal));
+        }
+        if moving && !blind {
+            let to = self.pose(&next, packet);
+            self.checked(at_us, &from, &to);
+        }
+        self.goals = next;
+    }
+
+    /// Angles from the home pose, rad.
+    fn pose(&self, goals: &[Option<i32>; JOINTS], packet: &Sent) -> [f64; JOINTS] {
+        std::array::from_fn(|joint| {
+            let raw = packet.at(joint, goals);
+            f64::from(raw.saturating_sub(self.home_urad[joint])) * 1e-6
+        })
+    }
+
+    fn checked(&mut self, at_us: u64, from: &[f64; JOINTS], to: &[f64; JOINTS]) {
+        if self.jumped {
+            return;
+        }
+        let apart_m = end_cubes_apart_m(to[2], to[3]);
+        if apart_m < EDGE_M {
+            let what = format!("cubes 1 and 4 are {apart_m:.4} m apart");
+            self.break_law(Law::Checked, at_us, what);
+        }
+        // Balls of the cubes' circumradius further apart than twice 62 mm and the margin: nothing can touch.
+        if apart_m > 0.2 || from == to {
+            return;
+        }
+        let [from, to] = [from, to].map(|pose| pose.map(|angle_rad| angle_rad as f32));
+        // Half of the margins that the module keeps: wire counts round.
+        let margins = self.motion.settings().planned;
+        let margins = Margins {
+            keep_m: margins.keep_m * 0.5,
+            escape_m: margins.escape_m * 0.5,
+        };
+        if let Verdict::Blocked(blocked) = check_move(self.motion.model(), &from, &to, margins) {
+            let what = format!("a move that the pre-check blocks: {blocked:?}");
+            self.break_law(Law::Checked, at_us, what);
+        }
+    }
+
+    /// The drivers, at any time. `troubled`: drivers that hear or answer nothing.
+    pub(crate) fn look(
+        &mut self,
+        now_us: u64,
+        motors: &IdealMotors,
+        stop_us: Option<u64>,
+        troubled: impl Fn(usize) -> bool,
+    ) {
+        let until = self.grants.iter().map(Grant::until_us).max();
+        let mut off_us = self.lapsed_us.max(until.unwrap_or(0));
+        if let Some(stop_us) = stop_us {
+            off_us = off_us.min(stop_us.max(self.lapsed_us));
+        }
+        let due_us = off_us.max(self.disturbed_us) + OFF_US + 1_000;
+        for joint in 0..JOINTS {
+            if motors.torque(joint) && !motors.has_watchdog(joint) && !self.disordered {
+                let what = format!("driver {joint} has torque and no watchdog");
+                self.break_law(Law::Guarded, now_us, what);
+            }
+            if now_us < due_us || troubled(joint) {
+                continue;
+            }
+            self.counts.offs += 1;
+            if motors.is_driving(joint) {
+                let what = format!("driver {joint} still drives, due at {due_us} us");
+                self.break_law(Law::LetGo, now_us, what);
+            }
+        }
+    }
+
+    /// What a slot holds after a restart.
+    pub(crate) fn holds(&mut self, now_us: u64, slot: usize, digest: Option<Digest>) {
+        let allowed = &self.slots[slot];
+        let fits = digest == allowed.certain
+            || allowed
+                .possible
+                .iter()
+                .any(|(_, maybe)| Some(*maybe) == digest);
+        if !fits {
+            let what = format!("slot {slot} holds {digest:?}, allowed {allowed:?}");
+            self.break_law(Law::Stored, now_us, what);
+        }
+    }
+}
+
+/// Largest step of a set-point, urad: no-load speed (26.6 and 19.4 rpm, the paper's Table I) for a cycle.
+fn most_urad(joint: usize) -> i64 {
+    let rpm = if joint % 3 == 1 { 19.4 } else { 26.6 };
+    let rad_s = rpm / 60.0 * core::f64::consts::TAU;
+    (rad_s * CYCLE_US as f64) as i64 + ROUNDING_URAD
+}
