@@ -1,8 +1,8 @@
 //! The decision of a cycle: what the readings mean, what the supervisor says, what may leave for the motors.
 
 use super::core::{BoardInputs, Core, HEARTBEATS, LINK_SILENT_US, LOW_READINGS, STOP_MV};
-use super::exchange::{FIRST_ID, Values, collect};
 use super::motors::{Finding, Motor};
+use super::packets::{FIRST_ID, Values, collect};
 use super::timing::{STOP_AFTER, Slot};
 use control::motion::{CycleOutput, Planner};
 use control::robot::JOINTS;

@@ -14,6 +14,9 @@
 
 use super::core::Core;
 use super::motors::Motor;
+use super::packets::{
+    FIRST_ID, collect, id_of, ids_of, set_points, sync_write, take_first, torque_on,
+};
 use super::setup::Setup;
 use super::timing::Slot;
 use crate::ports::PortError;
@@ -23,7 +26,7 @@ use control::supervisor::Fault;
 use heapless::Vec;
 use protocol::bus::profile::WATCHDOG_COUNTS;
 use protocol::bus::server::SKIP_NS;
-use protocol::bus::{Exchange, Field, ProfileInfo, Request};
+use protocol::bus::{Exchange, ProfileInfo, Request};
 use protocol::link::{BusAnswer, BusStatus, Completed, EventKind, Reject};
 
 /// Tries of the cyclic read: one wrong byte in 10^4 loses both of two tries once in 10^5 cycles, all three never in a day.
@@ -565,22 +568,6 @@ impl Master {
     }
 }
 
-/// Bus address of joint 0; joint k has this plus k.
-pub const FIRST_ID: u8 = 1;
-
-/// Bus address of a joint.
-fn id_of(joint: usize) -> u8 {
-    // Joints are 0..6.
-    FIRST_ID.saturating_add(joint as u8)
-}
-
-/// Takes the first joint off a list.
-fn take_first(mask: &mut u8) -> Option<usize> {
-    let joint = (0..JOINTS).find(|joint| *mask >> joint & 1 != 0)?;
-    *mask &= !(1 << joint);
-    Some(joint)
-}
-
 /// What a register says that was asked for.
 fn take_asked(core: &mut Core, asking: Asking, data: &[u8]) {
     let info = core.motors.info();
@@ -597,51 +584,5 @@ fn take_asked(core: &mut Core, asking: Asking, data: &[u8]) {
                 motor.note_guarded();
             }
         }
-    }
-}
-
-/// Torque for the drivers that lack it and whose watchdog is certain, once the run asks for it.
-fn torque_on(core: &Core) -> Option<Request> {
-    if !core.wants_torque_on() {
-        return None;
-    }
-    let info = core.motors.info();
-    let off = core
-        .motors
-        .mask(|motor| motor.torque() == Some(false) && !motor.needs_settings());
-    sync_write(info, &info.torque, &collect(ids_of(off).map(|id| (id, 1))))
-}
-
-fn ids_of(mask: u8) -> impl Iterator<Item = u8> {
-    (0..JOINTS)
-        .filter(move |joint| mask >> joint & 1 != 0)
-        .map(id_of)
-}
-
-/// Values for [`Request::sync_write`].
-pub(crate) type Values = Vec<(u8, i32), JOINTS>;
-
-pub(crate) fn collect(values: impl Iterator<Item = (u8, i32)>) -> Values {
-    let mut list = Values::new();
-    for value in values {
-        // At most one per joint.
-        let _ = list.push(value);
-    }
-    list
-}
-
-fn sync_write(info: &ProfileInfo, field: &Field, values: &Values) -> Option<Request> {
-    if values.is_empty() {
-        None
-    } else {
-        info.sync_write(field, values).ok()
-    }
-}
-
-fn set_points(info: &ProfileInfo, goals: &Values) -> Option<Request> {
-    if goals.is_empty() {
-        None
-    } else {
-        info.set_points(goals).ok()
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! [`App`] is what the tasks drive. Its parts:
 //!
-//! * [`timing`]: the 50 ms grid and overruns. [`exchange`]: the packets of a cycle. [`motors`]: what is believed of a reading.
+//! * [`timing`]: the 50 ms grid and overruns. [`exchange`], [`packets`]: the packets of a cycle. [`motors`]: what is believed of a reading.
 //! * [`cycle`]: supervisor, planner and set-points. [`run`]: one run; its record is a `protocol::link::telemetry::SampleLog`.
 //! * [`session`]: what a host may ask. [`outbox`], [`events`]: what goes back. [`storage`], [`dry_run`]: upload and boot.
 
@@ -13,6 +13,7 @@ pub mod events;
 pub mod exchange;
 pub mod motors;
 pub mod outbox;
+pub mod packets;
 pub mod run;
 pub mod session;
 pub mod setup;

@@ -1,0 +1,68 @@
+//! What the bus master's packets are made of: addresses, lists of drivers, values.
+
+use super::core::Core;
+use control::robot::JOINTS;
+use heapless::Vec;
+use protocol::bus::{Field, ProfileInfo, Request};
+
+/// Bus address of joint 0; joint k has this plus k.
+pub const FIRST_ID: u8 = 1;
+
+/// Bus address of a joint.
+pub(super) fn id_of(joint: usize) -> u8 {
+    // Joints are 0..6.
+    FIRST_ID.saturating_add(joint as u8)
+}
+
+/// Takes the first joint off a list.
+pub(super) fn take_first(mask: &mut u8) -> Option<usize> {
+    let joint = (0..JOINTS).find(|joint| *mask >> joint & 1 != 0)?;
+    *mask &= !(1 << joint);
+    Some(joint)
+}
+
+/// Torque for the drivers that lack it and whose watchdog is certain, once the run asks for it.
+pub(super) fn torque_on(core: &Core) -> Option<Request> {
+    if !core.wants_torque_on() {
+        return None;
+    }
+    let info = core.motors.info();
+    let off = core
+        .motors
+        .mask(|motor| motor.torque() == Some(false) && !motor.needs_settings());
+    sync_write(info, &info.torque, &collect(ids_of(off).map(|id| (id, 1))))
+}
+
+pub(super) fn ids_of(mask: u8) -> impl Iterator<Item = u8> {
+    (0..JOINTS)
+        .filter(move |joint| mask >> joint & 1 != 0)
+        .map(id_of)
+}
+
+/// Values for [`Request::sync_write`].
+pub(crate) type Values = Vec<(u8, i32), JOINTS>;
+
+pub(crate) fn collect(values: impl Iterator<Item = (u8, i32)>) -> Values {
+    let mut list = Values::new();
+    for value in values {
+        // At most one per joint.
+        let _ = list.push(value);
+    }
+    list
+}
+
+pub(super) fn sync_write(info: &ProfileInfo, field: &Field, values: &Values) -> Option<Request> {
+    if values.is_empty() {
+        None
+    } else {
+        info.sync_write(field, values).ok()
+    }
+}
+
+pub(super) fn set_points(info: &ProfileInfo, goals: &Values) -> Option<Request> {
+    if goals.is_empty() {
+        None
+    } else {
+        info.set_points(goals).ok()
+    }
+}
