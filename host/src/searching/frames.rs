@@ -171,16 +171,24 @@ pub fn index_in(set: &DataFolder, name: &str) -> Outcome<Vec<(usize, f64, String
     let text = set
         .text(&within(name, INDEX), disk::MAX_TEXT)
         .map_err(|e| no_film(&path, &e))?;
+    parse_index(&path, &text)
+}
+
+/// Lines of the text of an index as (line number, time, file name); `path` is for messages.
+///
+/// # Errors
+/// Exit code 3 with file and line.
+pub fn parse_index(path: &Path, text: &str) -> Outcome<Vec<(usize, f64, String)>> {
     let mut lines = text
         .lines()
         .enumerate()
         .map(|(k, line)| (k + 1, line.trim()));
     if lines.next().map(|(_, line)| line) != Some(HEADER) {
-        return Err(bad_line(&path, 1, "the first line is not `t_s,file`"));
+        return Err(bad_line(path, 1, "the first line is not `t_s,file`"));
     }
     let mut listed: Vec<(usize, f64, String)> = Vec::new();
     for (line, text) in lines.filter(|(_, line)| !line.is_empty()) {
-        let bad = |why: &str| bad_line(&path, line, why);
+        let bad = |why: &str| bad_line(path, line, why);
         let (t_s, file) = text.split_once(',').ok_or_else(|| bad("no comma"))?;
         let t_s: f64 = t_s
             .trim()
@@ -196,10 +204,10 @@ pub fn index_in(set: &DataFolder, name: &str) -> Outcome<Vec<(usize, f64, String
         listed.push((line, t_s, file.trim().to_owned()));
     }
     if listed.is_empty() {
-        return Err(bad_line(&path, 1, "no frame is listed"));
+        return Err(bad_line(path, 1, "no frame is listed"));
     }
     if listed.len() > MAX_FRAMES {
-        return Err(bad_line(&path, MAX_FRAMES, "too many frames are listed"));
+        return Err(bad_line(path, MAX_FRAMES, "too many frames are listed"));
     }
     Ok(listed)
 }
