@@ -41,13 +41,13 @@ pub(crate) fn orders(data: &[u8]) {
         match kind % 16 {
             0..=8 => {
                 let kind = input.byte();
-                line.write(&framed(SOURCE_HOST, sequence, boot_id, kind, input.block()));
+                let _ = line.write(&framed(SOURCE_HOST, sequence, boot_id, kind, input.block()));
             }
             9 => {
                 robot.reset(ResetCause::Pin);
                 boot_id = self::boot_id(&mut robot);
             }
-            10 => line.write(input.block()),
+            10 => _ = line.write(input.block()),
             11 => robot.board().set_stop_input(input.byte() & 1 == 1),
             12 => {
                 let battery_mv = u16::from(input.byte()) * 100;
@@ -67,7 +67,7 @@ pub(crate) fn orders(data: &[u8]) {
         robot.run_for(60_000);
         check(&robot);
     }
-    robot.link().write(&framed(SOURCE_HOST, 999, 0, STOP, &[]));
+    let _ = robot.link().write(&framed(SOURCE_HOST, 999, 0, STOP, &[]));
     robot.run_for(AT_REST_US);
     check(&robot);
     let moving = |robot: &EmulatedRobot| {
@@ -86,7 +86,7 @@ fn boot_id(robot: &mut EmulatedRobot) -> u32 {
     let line = robot.link();
     let mut bytes = Vec::new();
     line.read(&mut bytes);
-    line.write(&framed(SOURCE_HOST, 998, 0, 0, &[VERSION]));
+    let _ = line.write(&framed(SOURCE_HOST, 998, 0, 0, &[VERSION]));
     robot.run_for(20_000);
     bytes.clear();
     line.read(&mut bytes);
