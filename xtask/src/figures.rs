@@ -19,6 +19,10 @@ const TABLES: &[(&str, &str)] = &[
         "run --release -q -p hil-sim --example board_table",
     ),
     (
+        "Instructions of the law: shipped and random gaits",
+        "xtask tick",
+    ),
+    (
         "Emulated robot: speed against real time, upload time on the link",
         "run --release -q -p hil-sim --example robot_speed",
     ),

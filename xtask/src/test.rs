@@ -12,6 +12,7 @@ const STEPS: &[Step] = &[
     ("lints of the firmware image", firmware_lints),
     ("firmware image", firmware_image),
     ("panic-free gate", panic_free_gate),
+    ("instructions of the law", crate::tick::check),
     ("web site of the pages", crate::site::run),
     ("QEMU plug-in", plugin),
     ("tests", tests),

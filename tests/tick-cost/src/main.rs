@@ -5,7 +5,7 @@
 mod board;
 
 use board::{Console, cost};
-use control::gait::{Gait, Oscillator, RawGait, chain};
+use control::gait::{Gait, Link, Oscillator, RawGait, chain};
 use control::motion::{MotionParams, Planner};
 use control::precheck::{self, MARGIN_M, Margins};
 use control::robot::{JOINTS, RobotModel};
@@ -72,6 +72,93 @@ fn gait(amplitudes_deg: [f32; 6], offsets_deg: [f32; 6], lags_deg: [f32; 5]) -> 
     Gait::try_from(raw).ok()
 }
 
+/// A gait of the folder `gaits`, numbers by their bits.
+struct Shipped {
+    frequency_rate: (u32, u32),
+    oscillators: &'static [[u32; 3]],
+    links: &'static [(u8, u8, u32, u32)],
+}
+
+include!(concat!(env!("OUT_DIR"), "/shipped.rs"));
+
+impl Shipped {
+    fn gait(&self) -> Option<Gait> {
+        let (frequency, rate) = self.frequency_rate;
+        let mut raw = RawGait {
+            frequency_hz: f32::from_bits(frequency),
+            rate_a_per_s: f32::from_bits(rate),
+            duration_s: 30.0,
+            ..RawGait::default()
+        };
+        let _ = raw.name.push_str("shipped");
+        for bits in self.oscillators {
+            let [amplitude_rad, offset_rad, initial_phase_rad] = bits.map(f32::from_bits);
+            let _ = raw.oscillators.push(Oscillator {
+                amplitude_rad,
+                offset_rad,
+                initial_phase_rad,
+            });
+        }
+        for &(from, to, weight, lag) in self.links {
+            let _ = raw.links.push(Link {
+                from,
+                to,
+                weight: f32::from_bits(weight),
+                phase_lag_rad: f32::from_bits(lag),
+            });
+        }
+        Gait::try_from(raw).ok()
+    }
+}
+
+/// A gait drawn from all that the joints can follow. A folded one swings about a pose in which the robot nearly meets itself.
+fn random(rng: &mut Rng, folded: bool) -> Gait {
+    let model = RobotModel::default();
+    loop {
+        let amplitudes = [0.0; 6].map(|_: f32| rng.between(0.0, 120.0));
+        let mut offsets = [0.0; 6].map(|_: f32| rng.between(-120.0, 120.0));
+        if folded {
+            offsets = [0.0, 0.0, -90.0, -90.0, 0.0, 0.0].map(|x| x + rng.between(-20.0, 20.0));
+        }
+        let lags = [0.0; 5].map(|_: f32| rng.between(-180.0, 180.0));
+        if let Some(gait) = gait(amplitudes, offsets, lags)
+            && gait.check_speed(&model).is_ok()
+        {
+            return gait;
+        }
+    }
+}
+
+/// Cost of a cycle over many gaits, and how many of them were held by the pre-check.
+#[derive(Default)]
+struct Sweep {
+    cycle: Tally,
+    gaits: u32,
+    held: u32,
+}
+
+impl Sweep {
+    fn add(&mut self, gait: Option<Gait>, cycles: u32) {
+        let Some(followed) = gait.and_then(|gait| follow(&gait, cycles)) else {
+            let _ = writeln!(Console, "a gait was refused");
+            return;
+        };
+        self.gaits += 1;
+        self.held += u32::from(followed.held > 0);
+        for tally in [followed.approach, followed.free] {
+            self.cycle.count += tally.count;
+            self.cycle.sum += tally.sum;
+            self.cycle.max = self.cycle.max.max(tally.max);
+        }
+    }
+
+    fn print(&self, label: &str) {
+        let (gaits, held) = (self.gaits, self.held);
+        let _ = writeln!(Console, "{gaits} {label}, {held} of them held");
+        print("  cycle", &self.cycle);
+    }
+}
+
 /// First golden of `control/tests/control/cpg.rs`.
 const HOST_BITS: u64 = 0x4481_be5e_1eda_3824;
 
@@ -89,16 +176,22 @@ fn bits(gait: &Gait) -> u64 {
     hash
 }
 
-/// A robot that lags and jitters follows the planner for 60 s.
-fn run(label: &str, gait: Option<Gait>) -> Option<()> {
-    let gait = gait?;
+/// What a gait cost.
+struct Followed {
+    approach: Tally,
+    free: Tally,
+    held: u32,
+}
+
+/// A robot that lags and jitters follows the planner.
+fn follow(gait: &Gait, cycles: u32) -> Option<Followed> {
     let params = MotionParams::default();
-    let mut planner = Planner::begin(&params, &gait, &[0.0; JOINTS]).ok()?;
+    let mut planner = Planner::begin(&params, gait, &[0.0; JOINTS]).ok()?;
     let mut rng = Rng(7);
     let mut measured = [0.0f32; JOINTS];
     let mut motion = Motion::Approach;
     let [mut approach, mut free] = [Tally::default(), Tally::default()];
-    for _ in 0..1500 {
+    for _ in 0..cycles {
         let (instructions, out) = cost(|| planner.cycle(&params, motion, Some(&measured)));
         let out = out.ok()?;
         if motion == Motion::Run {
@@ -114,9 +207,20 @@ fn run(label: &str, gait: Option<Gait>) -> Option<()> {
             *m += 0.3 * (q - *m) + rng.between(-0.01, 0.01);
         }
     }
-    let _ = writeln!(Console, "{label}: held in {} cycles", planner.held_cycles());
-    print("  cycle, approach", &approach);
-    print("  cycle, run", &free);
+    let held = planner.held_cycles();
+    Some(Followed {
+        approach,
+        free,
+        held,
+    })
+}
+
+/// One gait for 75 s, its start apart.
+fn run(label: &str, gait: Option<Gait>) -> Option<()> {
+    let followed = follow(&gait?, 1500)?;
+    let _ = writeln!(Console, "{label}: held in {} cycles", followed.held);
+    print("  cycle, approach", &followed.approach);
+    print("  cycle, run", &followed.free);
     Some(())
 }
 
@@ -185,5 +289,11 @@ pub(crate) fn main() {
             [30.0, 60.0, 10.0, 50.0, 20.0],
         ),
     );
+    let mut shipped = Sweep::default();
+    SHIPPED.iter().for_each(|one| shipped.add(one.gait(), 900));
+    shipped.print("shipped gaits");
+    let (mut drawn, mut rng) = (Sweep::default(), Rng(11));
+    (0..200).for_each(|k| drawn.add(Some(random(&mut rng, k % 2 == 0)), 300));
+    drawn.print("random gaits");
     moves();
 }
