@@ -1,4 +1,4 @@
-//! Off-the-shelf Dynamixel clients drive the emulated motors over a pseudo-terminal, and a foreign client of the host link the emulated robot.
+//! Off-the-shelf Dynamixel and Feetech clients drive the emulated motors over a pseudo-terminal, and a foreign client of the host link the emulated robot.
 
 use std::io::{BufRead, BufReader};
 use std::ops::ControlFlow;
@@ -11,13 +11,22 @@ use hil_sim::endpoint::Pty;
 use hil_sim::motor::JointKind;
 use hil_sim::pace::{Pace, serve};
 use hil_sim::world::{World, WorldParams};
+use protocol::bus::Profile;
 use tests::{python_clients, root, skip, target_dir};
 
-/// Serves six neutral motors on a pseudo-terminal while `client` runs with its path.
+/// Serves six of our neutral motors on a pseudo-terminal while `client` runs with its path.
 fn with_motors<T>(pace: Pace, client: impl FnOnce(&Path) -> T) -> T {
+    with_drivers(Profile::Packed, pace, client)
+}
+
+/// As [`with_motors`], with drivers of any kind.
+fn with_drivers<T>(profile: Profile, pace: Pace, client: impl FnOnce(&Path) -> T) -> T {
     let mut pty = Pty::open(None).unwrap();
     let device = pty.device().to_owned();
-    let params = WorldParams::metamodule(1, JointKind::catalogue_joint);
+    let mut params = WorldParams::metamodule(1, JointKind::catalogue_joint);
+    for joint in &mut params.joints {
+        joint.driver.profile = profile;
+    }
     let mut world = World::on_stand(&params).unwrap();
     let done = Arc::new(AtomicBool::new(false));
     let stop = Arc::clone(&done);
@@ -62,6 +71,32 @@ fn robotis_sdk_for_python_drives_the_motors() {
             command
                 .arg(root().join("tests/foreign/drive_with_dynamixel_sdk.py"))
                 .arg(device);
+            passes(command);
+        });
+    }
+}
+
+/// Off-the-shelf servos as the emulation offers them, driven by the SDKs of their makers.
+#[test]
+fn makers_sdks_for_python_drive_the_servos() {
+    let python = match python_clients() {
+        Ok(python) => python,
+        Err(why) => return skip("makers_sdks_for_python_drive_the_servos", &why),
+    };
+    let (x, feetech) = ("drive_x_with_dynamixel_sdk.py", "drive_with_feetech_sdk.py");
+    for (profile, script) in [
+        (Profile::Xl330, x),
+        (Profile::Xc330, x),
+        (Profile::Xm430, x),
+        (Profile::Sts, feetech),
+        (Profile::Scs, feetech),
+    ] {
+        with_drivers(profile, Pace::Real, |device| {
+            let mut command = Command::new(&python);
+            command
+                .arg(root().join("tests/foreign").join(script))
+                .arg(device)
+                .arg(profile.info().name);
             passes(command);
         });
     }

@@ -6,6 +6,9 @@
 //! cube_m = 0.11            # edge of a cube
 //! ball_radius_m = 0.062    # ball that a half-sphere is cut from
 //!
+//! [bus]                    # what drives the real one; `rb-host bus scan` proposes it, `rb-host bus use` tells the robot
+//! driver = "xl330"         # packed (ours), xl330, xc330, xm430, sts or scs; all drivers of a robot are of one kind
+//!
 //! [[body]]                 # body 0 is the base; parents stand before their children
 //!
 //! [[body]]
@@ -32,6 +35,7 @@
 //! holds them to their ranges and remembers their lines.
 
 use crate::model::Key;
+use protocol::bus::Profile;
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -130,6 +134,8 @@ pub struct Structure {
     pub cubes: Vec<[usize; 2]>,
     /// Pairs of cubes that may meet.
     pub pairs: Vec<[usize; 2]>,
+    /// Table profile of the motor drivers; `None`: the file does not say.
+    pub driver: Option<Profile>,
     lines: Vec<(Part, usize)>,
 }
 
@@ -172,6 +178,18 @@ pub enum StructureError {
         /// Largest accepted value.
         max: f64,
     },
+    /// No such kind of motor driver.
+    #[error("{file}:{line}: `bus.driver` is {value:?}, known: {known}")]
+    Driver {
+        /// File name as given.
+        file: String,
+        /// Line, from 1.
+        line: usize,
+        /// The refused name.
+        value: String,
+        /// The names that are known.
+        known: String,
+    },
     /// A direction without length.
     #[error(
         "{file}:{line}: `{key}` is {value:?}, which is no direction; give three finite numbers, not all zero"
@@ -210,11 +228,18 @@ struct RawFile {
     ball_radius_m: Option<Spanned<f64>>,
     #[serde(default)]
     fixed_base: bool,
+    bus: Option<RawBus>,
     body: Vec<Spanned<RawBody>>,
     half: Vec<Spanned<RawHalf>>,
     cube: Vec<Spanned<RawCube>>,
     #[serde(default)]
     pair: Vec<Spanned<RawPair>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawBus {
+    driver: Spanned<String>,
 }
 
 #[derive(Deserialize)]
@@ -297,6 +322,7 @@ impl Structure {
                 Key::BallRadius,
             )?,
             fixed_base: raw.fixed_base,
+            driver: raw.bus.map(|bus| reader.driver(&bus.driver)).transpose()?,
             bodies,
             halves,
             cubes: raw.cube.iter().map(|c| c.get_ref().halves).collect(),
@@ -321,6 +347,15 @@ impl Reader<'_> {
             .take(at)
             .filter(|byte| *byte == b'\n')
             .count()
+    }
+
+    fn driver(&self, name: &Spanned<String>) -> Result<Profile, StructureError> {
+        Profile::from_name(name.get_ref()).ok_or_else(|| StructureError::Driver {
+            file: self.file.to_owned(),
+            line: self.line(name.span().start),
+            value: name.get_ref().clone(),
+            known: Profile::ALL.map(|profile| profile.info().name).join(", "),
+        })
     }
 
     fn in_range(

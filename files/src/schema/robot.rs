@@ -3,6 +3,7 @@
 use super::{closed, described, document, number};
 use crate::model::Key;
 use crate::structure::{FORMAT, LENGTH_LIMIT_M, MASS_KG};
+use protocol::bus::Profile;
 use serde_json::{Map, Value, json};
 
 fn triple(of: Value) -> Value {
@@ -82,6 +83,14 @@ fn half() -> Value {
     )
 }
 
+fn driver() -> Value {
+    let names = Profile::ALL.map(|profile| profile.info().name);
+    described(
+        json!({ "enum": names }),
+        "kind of all motor drivers of the real robot",
+    )
+}
+
 pub(super) fn schema() -> Value {
     let size = |key: Key| number(key.info().min, key.info().max);
     let keys: Map<String, Value> = [
@@ -90,6 +99,7 @@ pub(super) fn schema() -> Value {
         ("cube_m", size(Key::Cube)),
         ("ball_radius_m", size(Key::BallRadius)),
         ("fixed_base", json!({ "type": "boolean" })),
+        ("bus", object(&["driver"], [("driver", driver())])),
         ("body", list(body(), 1)),
         ("half", list(half(), 1)),
         ("cube", list(object(&["halves"], [("halves", two())]), 1)),

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use protocol::bus::StatusError;
 use protocol::bus::master::Request;
-use protocol::bus::packet::{BROADCAST, TooLong};
+use protocol::bus::packet::TooLong;
 use protocol::bus::table::{Access, Register, TABLE};
 use serde_json::{Value, json};
 
@@ -27,8 +27,13 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum Action {
-    /// Find the drivers on the bus
+    /// Find the drivers on the bus, ours and off-the-shelf servos, and propose their kind for robot.toml
     Scan,
+    /// Tell the robot which kind of drivers its bus carries; it keeps that, and every zero is lost
+    Use {
+        /// robot.toml with [bus] driver = "...", or the kind itself: packed, xl330, xc330, xm430, sts, scs
+        kind: String,
+    },
     /// Ask one driver for its model and firmware
     Ping {
         /// Bus id, 1 to 252
@@ -75,12 +80,15 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     if let Action::Table = args.action {
         return table(context);
     }
+    if let Action::Use { kind } = &args.action {
+        return super::bus_kind::tell(context, kind);
+    }
     let mut way = match &args.direct {
         Some(path) => BusWay::direct(path)?,
         None => BusWay::Robot(Box::new(context.connect()?)),
     };
     match &args.action {
-        Action::Scan => scan(context, &mut way),
+        Action::Scan => super::bus_kind::scan(context, &mut way),
         Action::Ping { id } => ping(context, &mut way, *id),
         Action::Read { id, register } => read(context, &mut way, *id, register),
         Action::Write {
@@ -89,11 +97,11 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
             value,
         } => write(context, &mut way, *id, register, *value),
         Action::Bench { duration, id } => bench(context, &mut way, *duration, id),
-        Action::Table => Ok(()),
+        Action::Table | Action::Use { .. } => Ok(()),
     }
 }
 
-fn too_long(_: TooLong) -> Failure {
+pub(super) fn too_long(_: TooLong) -> Failure {
     Failure::say(Exit::Usage, "the request does not fit a bus packet")
 }
 
@@ -137,29 +145,8 @@ fn error_words(error: StatusError) -> String {
     format!("{error:?}").to_lowercase()
 }
 
-fn scan(context: &Context, way: &mut BusWay) -> Outcome {
-    let request = Request::ping(BROADCAST).map_err(too_long)?;
-    let answers = way.exchange(request)?;
-    let rows: Vec<(Value, String)> = answers.iter().map(driver_row).collect();
-    let (values, lines): (Vec<Value>, Vec<String>) = rows.into_iter().unzip();
-    context
-        .out
-        .result("rb.bus_scan/1", json!({ "drivers": values }), || {
-            if lines.is_empty() {
-                "no driver answers".to_owned()
-            } else {
-                lines.join("\n")
-            }
-        });
-    if values.is_empty() {
-        return Err(Failure::say(Exit::Link, "no driver answers")
-            .hint("check motor power, A/B wires and termination"));
-    }
-    Ok(())
-}
-
 /// Model number and firmware version as a ping tells them.
-fn driver_row(answer: &DriverAnswer) -> (Value, String) {
+pub(super) fn driver_row(answer: &DriverAnswer) -> (Value, String) {
     let model = answer
         .data
         .first_chunk::<2>()

@@ -10,6 +10,8 @@ use hil_sim::endpoint::{Endpoint, EndpointError, Pty, Serial, Tcp};
 use hil_sim::pace::{self, Pace, ServeEvent};
 use hil_sim::robot::serve::{RobotEvent, serve};
 use hil_sim::scenario::Scenario;
+use hil_sim::world::JointSetup;
+use protocol::bus::Profile;
 use serde_json::json;
 
 use crate::context::Context;
@@ -49,6 +51,9 @@ pub struct Args {
     /// Faults, such as drop=0.01,corrupt=1e-4,stall@4-6:joint2
     #[arg(long = "inject", alias = "fault", value_name = "LIST")]
     fault: Option<String>,
+    /// Kind of the motor drivers, or one for each joint: packed, xl330, xc330, xm430, sts, scs
+    #[arg(long, value_name = "KIND", value_delimiter = ',', value_parser = driver_kind)]
+    drivers: Vec<Profile>,
     /// Seed of all chance
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -99,6 +104,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     if let Some(seed) = args.seed {
         scenario.world.seed = seed;
     }
+    equip(&mut scenario.world.joints, &args.drivers)?;
     if let Some(list) = &args.fault {
         let faults =
             faults::parse(list).map_err(|e| Failure::new(Exit::Usage, anyhow::Error::new(e)))?;
@@ -111,6 +117,31 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         Some(What::Robot) | None => robot(args, context, &scenario, endpoint.as_mut()),
         Some(What::Board) => board(args, context, &scenario, endpoint.as_mut()),
     }
+}
+
+fn driver_kind(name: &str) -> Result<Profile, String> {
+    Profile::from_name(name).ok_or_else(|| {
+        let known = Profile::ALL.map(|profile| profile.info().name).join(", ");
+        format!("known: {known}")
+    })
+}
+
+/// One kind for all joints, or one for each.
+fn equip(joints: &mut [JointSetup], kinds: &[Profile]) -> Outcome {
+    if kinds.len() > 1 && kinds.len() != joints.len() {
+        let message = format!(
+            "--drivers names {} kinds for {} joints",
+            kinds.len(),
+            joints.len()
+        );
+        return Err(Failure::say(Exit::Usage, message).hint("name one kind, or one for each joint"));
+    }
+    for (index, joint) in joints.iter_mut().enumerate() {
+        if let Some(kind) = kinds.get(index).or(kinds.first()) {
+            joint.driver.profile = *kind;
+        }
+    }
+    Ok(())
 }
 
 fn endpoint(args: &Args, context: &Context) -> Result<Box<dyn Endpoint>, EndpointError> {

@@ -10,6 +10,7 @@ use crate::interrupt;
 
 pub mod bench;
 pub mod bus;
+mod bus_kind;
 pub mod camera;
 pub mod completions;
 pub mod config;

@@ -2,7 +2,9 @@
 
 use crate::{Hostile, sink};
 use protocol::bus::packet::StatusError;
-use protocol::bus::{DriverHandler, DriverServer, Exchange, PackedFeedback, Register, Request};
+use protocol::bus::{
+    DriverHandler, DriverServer, Exchange, PackedFeedback, Profile, Register, Request,
+};
 
 struct Driver<'a>(&'a mut Hostile);
 
@@ -47,6 +49,35 @@ pub(crate) fn drive(h: &mut Hostile) {
     for request in requests.into_iter().flatten() {
         exchange(h, request);
     }
+    profiles(h, &ids);
+}
+
+/// Off-the-shelf servos, whichever the settings name.
+fn profiles(h: &mut Hostile, ids: &[u8; 6]) {
+    let Some(profile) = Profile::from_number(h.byte()) else {
+        return;
+    };
+    let info = profile.info();
+    sink(Profile::of_model(info.framing, h.word() as u16));
+    let goals = ids.map(|id| (id, h.word() as i32));
+    let requests = [
+        info.ping(h.byte()),
+        info.read(h.byte(), h.word() as u16, h.word() as u16),
+        info.write(h.byte(), h.word() as u16, &h.bytes::<40>()),
+        info.read_field(h.byte(), &info.model),
+        info.read_feedback(ids),
+        info.set_points(&goals),
+        info.sync_write(&info.torque, &goals),
+    ];
+    for request in requests.into_iter().flatten() {
+        exchange(h, request);
+    }
+    sink(info.decode(&h.bytes::<20>(), h.time()));
+    sink(info.decode(&h.bytes::<31>(), h.time()));
+    sink((
+        info.goal_counts(h.word() as i32),
+        info.angle_urad(h.word() as i32),
+    ));
 }
 
 fn exchange(h: &mut Hostile, request: Request) {

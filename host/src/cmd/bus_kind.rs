@@ -1,0 +1,206 @@
+//! Which kind of drivers a bus carries: `rb-host bus scan` proposes it, `rb-host bus use` tells the robot.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use files::structure::Structure;
+use protocol::bus::master::Request;
+use protocol::bus::packet::BROADCAST;
+use protocol::bus::{Framing, Profile};
+use protocol::link::{ALL_JOINTS, FromModule, Tag, ToModule};
+use serde_json::{Value, json};
+
+use super::bus::{driver_row, too_long};
+use crate::bus_way::BusWay;
+use crate::context::Context;
+use crate::disk;
+use crate::failure::{Exit, Failure, Outcome};
+use crate::link::{LinkError, Robot, text};
+
+/// Ids at which Feetech servos are looked for: they have no broadcast ping, and a robot has twelve drivers at most.
+const FEETECH_IDS: std::ops::RangeInclusive<u8> = 1..=12;
+/// A driver takes its settings one by one: this long at most.
+const SETTLED: Duration = Duration::from_secs(4);
+
+/// A driver found on the bus.
+struct Found {
+    id: u8,
+    profile: Option<Profile>,
+    value: Value,
+    line: String,
+}
+
+/// Finds drivers of every framing and proposes their kind.
+pub(super) fn scan(context: &Context, way: &mut BusWay) -> Outcome {
+    let mut found = dynamixel(way)?;
+    found.extend(feetech(way)?);
+    let kind = kind_of(&found);
+    let values: Vec<&Value> = found.iter().map(|driver| &driver.value).collect();
+    let name = kind.as_ref().ok().map(|profile| profile.info().name);
+    let result = json!({ "drivers": values, "driver": name });
+    context.out.result("rb.bus_scan/1", result, || {
+        let mut lines: Vec<String> = found.iter().map(|driver| driver.line.clone()).collect();
+        lines.extend(name.map(proposal));
+        if lines.is_empty() {
+            "no driver answers".to_owned()
+        } else {
+            lines.join("\n")
+        }
+    });
+    if found.is_empty() {
+        return Err(Failure::say(Exit::Link, "no driver answers")
+            .hint("check motor power, A/B wires and termination"));
+    }
+    kind.map(|_| ())
+}
+
+fn proposal(name: &str) -> String {
+    format!("robot.toml:\n[bus]\ndriver = \"{name}\"\ntell the robot: rb-host bus use {name}")
+}
+
+/// The one kind of all drivers.
+fn kind_of(found: &[Found]) -> Outcome<Profile> {
+    if let Some(stranger) = found.iter().find(|driver| driver.profile.is_none()) {
+        let message = format!(
+            "driver {} is of a kind that the robot does not drive",
+            stranger.id
+        );
+        return Err(Failure::say(Exit::Check, message));
+    }
+    let mut kinds: Vec<(Profile, Vec<String>)> = Vec::new();
+    for driver in found {
+        let Some(profile) = driver.profile else {
+            continue;
+        };
+        match kinds.iter_mut().find(|(kind, _)| *kind == profile) {
+            Some((_, ids)) => ids.push(driver.id.to_string()),
+            None => kinds.push((profile, vec![driver.id.to_string()])),
+        }
+    }
+    match kinds.as_slice() {
+        [(only, _)] => Ok(*only),
+        several => {
+            let kinds: Vec<String> = several
+                .iter()
+                .map(|(kind, ids)| format!("{} ({})", kind.info().name, ids.join(", ")))
+                .collect();
+            let message = format!("the bus is mixed: {}", kinds.join(", "));
+            Err(Failure::say(Exit::Check, message)
+                .hint("a robot drives one kind; exchange the others"))
+        }
+    }
+}
+
+fn dynamixel(way: &mut BusWay) -> Outcome<Vec<Found>> {
+    let answers = way.exchange(Request::ping(BROADCAST).map_err(too_long)?)?;
+    let found = answers.iter().map(|answer| {
+        let model = answer
+            .data
+            .first_chunk::<2>()
+            .map_or(0, |bytes| u16::from_le_bytes(*bytes));
+        let profile = Profile::of_model(Framing::Dynamixel2, model);
+        let (mut value, line) = driver_row(answer);
+        value["driver"] = json!(profile.map(|profile| profile.info().name));
+        Found {
+            id: answer.id,
+            profile,
+            value,
+            line: with_kind(line, profile),
+        }
+    });
+    Ok(found.collect())
+}
+
+fn feetech(way: &mut BusWay) -> Outcome<Vec<Found>> {
+    let mut found = Vec::new();
+    for id in FEETECH_IDS {
+        // The same place in both series; only the order of the bytes differs.
+        let info = Profile::Sts.info();
+        let request = info.read_field(id, &info.model).map_err(too_long)?;
+        let answers = way.exchange(request)?;
+        let Some(answer) = answers.first() else {
+            continue;
+        };
+        let models = [Profile::Sts, Profile::Scs].map(|profile| {
+            let info = profile.info();
+            let model = info.model.value_of(&answer.data) as u16;
+            (model, info.models.contains(&model).then_some(profile))
+        });
+        let known = models.iter().find(|(_, profile)| profile.is_some());
+        let (model, profile) = known.copied().unwrap_or(models[0]);
+        found.push(Found {
+            id,
+            profile,
+            value: json!({
+                "id": id, "model": model, "alert": answer.alert,
+                "driver": profile.map(|profile| profile.info().name),
+            }),
+            line: with_kind(format!("id {id:3}  model {model:#06x}"), profile),
+        });
+    }
+    Ok(found)
+}
+
+fn with_kind(line: String, profile: Option<Profile>) -> String {
+    let title = profile.map_or("unknown", |profile| profile.info().title);
+    format!("{line}  {title}")
+}
+
+/// Tells the robot the kind, and waits until its drivers have their settings.
+pub(super) fn tell(context: &Context, kind: &str) -> Outcome {
+    let profile = read_kind(kind)?;
+    let mut robot = context.connect()?;
+    let tag = Tag::NONE;
+    robot.order(&ToModule::SetDrivers { profile, tag })?;
+    let begin = Instant::now();
+    let mut wrong = drivers(&mut robot)?;
+    let mut present = 0;
+    while wrong.is_empty() && present != ALL_JOINTS && begin.elapsed() < SETTLED {
+        std::thread::sleep(Duration::from_millis(200));
+        present = robot.info()?.motor_mask;
+        wrong = drivers(&mut robot)?;
+    }
+    let value = json!({ "driver": profile.info().name, "motor_mask": present, "wrong": wrong });
+    context.out.result("rb.bus_use/1", value, || {
+        let answering = text::joints(present);
+        format!(
+            "drivers: {}\nanswering: {answering}\nzero them: rb-host zero",
+            profile.info().title
+        )
+    });
+    match wrong.first() {
+        None => Ok(()),
+        Some(first) => Err(Failure::say(Exit::Check, first.clone())
+            .hint("`rb-host bus scan` shows every driver; all of a bus must be of one kind")),
+    }
+}
+
+/// What is wrong with the drivers, a line each.
+fn drivers(robot: &mut Robot) -> Outcome<Vec<String>> {
+    match robot.ask(&ToModule::GetDrivers)? {
+        FromModule::Drivers { wrong, .. } => Ok(wrong.iter().map(text::wrong_driver).collect()),
+        _ => Err(LinkError::WrongAnswer { request: "drivers" }.into()),
+    }
+}
+
+/// A kind by its name, or from a robot.toml.
+fn read_kind(kind: &str) -> Outcome<Profile> {
+    if let Some(profile) = Profile::from_name(kind) {
+        return Ok(profile);
+    }
+    let names = Profile::ALL.map(|profile| profile.info().name).join(", ");
+    if !kind.contains('.') && !Path::new(kind).exists() {
+        return Err(Failure::say(
+            Exit::Usage,
+            format!("{kind:?} is no kind of driver; known: {names}, or a robot.toml"),
+        ));
+    }
+    let text = disk::read_text(Path::new(kind), disk::MAX_TEXT)
+        .map_err(|error| Failure::say(Exit::BadFile, format!("{kind}: {error}")))?;
+    let structure =
+        Structure::parse(kind, &text).map_err(|error| Failure::new(Exit::BadFile, error))?;
+    structure.driver.ok_or_else(|| {
+        Failure::say(Exit::BadFile, format!("{kind} does not name its drivers"))
+            .hint(format!("add [bus] driver = \"...\", one of {names}"))
+    })
+}
