@@ -111,7 +111,8 @@ impl Shipped {
     }
 }
 
-/// A gait drawn from all that the joints can follow. A folded one swings about a pose in which the robot nearly meets itself.
+/// A gait drawn from all that the joints can follow.
+/// A folded one swings about a pose in which the robot nearly meets itself.
 fn random(rng: &mut Rng, folded: bool) -> Gait {
     let model = RobotModel::default();
     loop {
