@@ -1,24 +1,28 @@
 //! Seeded schedules of faults over the whole chain: `cargo run --release -p hil-sim --example schedules -- 2000`.
 
 use anyhow::{Context, Result, bail};
-use hil_sim::schedule::{Cut, Kind, Law, Plan, Summary, many, play, shrink};
+use hil_sim::schedule::{Cut, Kind, LOSSES, Law, Plan, Summary, many, play, shrink, table};
 use std::time::{Duration, Instant};
 
 const USAGE: &str = "\
 schedules [N]                     play N schedules (2000) on all cores
   --first SEED                    from this seed on (0)
   --threads N                     on N threads
+  --stop                          end at the first broken law
   --minutes M                     end after M minutes, whatever N is
   --faults NAME,NAME              draw these faults only
   --seed SEED                     play one schedule and print it; what fails is shrunk
-    --keep N,N  --until SECONDS   of it these faults alone, and until then";
+    --keep N,N  --until SECONDS   of it these faults alone, and until then
+  --table RUNS                    faults of the servo bus by the share of packets lost, RUNS each";
 
 struct Options {
     count: u64,
     first: u64,
     threads: usize,
     minutes: Option<f64>,
+    stop: bool,
     seed: Option<u64>,
+    table: Option<u32>,
     cut: Cut,
 }
 
@@ -36,7 +40,9 @@ fn options() -> Result<Options> {
         first: 0,
         threads: std::thread::available_parallelism().map_or(1, usize::from),
         minutes: None,
+        stop: false,
         seed: None,
+        table: None,
         cut: Cut::default(),
     };
     let mut words = std::env::args().skip(1);
@@ -49,9 +55,11 @@ fn options() -> Result<Options> {
         match word.as_str() {
             "--first" => options.first = value()?.parse()?,
             "--threads" => options.threads = value()?.parse()?,
+            "--stop" => options.stop = true,
             "--minutes" => options.minutes = Some(value()?.parse()?),
             "--faults" => options.cut.kinds = Some(list::<Kind>(&value()?)?),
             "--seed" => options.seed = Some(value()?.parse()?),
+            "--table" => options.table = Some(value()?.parse()?),
             "--keep" => options.cut.keep = Some(list(&value()?)?),
             "--until" => {
                 let until_s: f64 = value()?.parse()?;
@@ -116,11 +124,43 @@ fn report(summary: &Summary, took: Duration) {
     }
     let took_s = took.as_secs_f64();
     let rate = n as f64 / took_s;
-    eprintln!("{took_s:.1} s, {rate:.0} seeds a second");
+    println!("{took_s:.1} s, {rate:.0} seeds a second");
+}
+
+/// Per fault one row: share noticed, median and longest time in ms, share recovered, at each loss.
+fn print_table(runs: u32) {
+    let losses: Vec<String> = LOSSES
+        .iter()
+        .map(|loss| format!("{:.0} % lost", loss * 100.0))
+        .collect();
+    println!(
+        "{runs} runs a cell. In each: share told, of the runs still under way; median (longest) time to it, ms; share of all runs after which"
+    );
+    println!("the robot made a whole run again.\n");
+    println!("| fault | {} |", losses.join(" | "));
+    println!("|---{}|", "|---".repeat(losses.len()));
+    let percent = |n: u32, of: u32| f64::from(n) / f64::from(of.max(1)) * 100.0;
+    for rows in table(runs).chunks(LOSSES.len()) {
+        let cells = rows.iter().map(|row| {
+            format!(
+                "{:.0} %; {:.0} ({:.0}); {:.0} %",
+                percent(row.noticed, row.struck),
+                row.median_ms,
+                row.most_ms,
+                percent(row.recovered, row.runs)
+            )
+        });
+        let cells: Vec<String> = cells.collect();
+        println!("| {} | {} |", rows[0].fault, cells.join(" | "));
+    }
 }
 
 fn main() -> Result<()> {
     let options = options()?;
+    if let Some(runs) = options.table {
+        print_table(runs);
+        return Ok(());
+    }
     if let Some(seed) = options.seed {
         return one(seed, &options.cut);
     }
@@ -132,6 +172,7 @@ fn main() -> Result<()> {
         options.count,
         options.threads,
         &options.cut,
+        options.stop,
         &go_on,
     );
     report(&summary, begun.elapsed());

@@ -39,6 +39,14 @@ const TABLES: &[(&str, &str)] = &[
         "test --release -q -p hil-sim --test robot --test slots_power_cut -- --nocapture",
     ),
     (
+        "Seeded schedules of faults over firmware, wires, flash and hosts",
+        "run --release -q -p hil-sim --example schedules -- 2000",
+    ),
+    (
+        "Faults of the servo bus: told, recovered, by packets lost",
+        "run --release -q -p hil-sim --example schedules -- --table 20",
+    ),
+    (
         "Body simulator beside MuJoCo",
         "run --release -q -p host -- bench",
     ),

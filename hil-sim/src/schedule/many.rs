@@ -6,7 +6,7 @@ use super::plan::{Cut, Plan};
 use super::stage::{Outcome, play};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 /// A schedule in which a law did not hold.
 #[derive(Debug, Clone, PartialEq)]
@@ -75,20 +75,23 @@ impl Summary {
     }
 }
 
-/// Plays the schedules of `count` seeds from `first` on, on `threads` threads. `go_on` is asked before every seed.
+/// Plays the schedules of `count` seeds from `first` on, on `threads` threads. `go_on` is asked before every seed;
+/// with `stop` the first
+/// broken law is the end.
 #[must_use]
 pub fn many(
     first: u64,
     count: u64,
     threads: usize,
     cut: &Cut,
+    stop: bool,
     go_on: &(dyn Fn() -> bool + Sync),
 ) -> Summary {
-    let next = AtomicU64::new(0);
+    let (next, broken) = (AtomicU64::new(0), AtomicBool::new(false));
     let all = Mutex::new(Summary::default());
     let work = || {
         let mut own = Summary::default();
-        while go_on() {
+        while go_on() && !(stop && broken.load(Ordering::Relaxed)) {
             let number = next.fetch_add(1, Ordering::Relaxed);
             if number >= count {
                 break;
@@ -96,6 +99,7 @@ pub fn many(
             let seed = first.wrapping_add(number);
             let played = catch_unwind(AssertUnwindSafe(|| play(&Plan::with(seed, cut))));
             own.add(seed, played.ok());
+            broken.fetch_or(!own.failures.is_empty(), Ordering::Relaxed);
         }
         if let Ok(mut all) = all.lock() {
             all.join(own);

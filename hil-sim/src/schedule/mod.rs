@@ -22,6 +22,7 @@ mod plan;
 mod reading;
 mod script;
 mod stage;
+mod table;
 mod wire;
 
 pub use fault::{Fault, KINDS, Kind, UnknownFault};
@@ -29,6 +30,7 @@ pub use laws::{Counts, Law, Violation};
 pub use many::{Failure, Summary, many};
 pub use plan::{Cut, Plan};
 pub use stage::{Outcome, play};
+pub use table::{LOSSES, Row, table};
 
 /// Shortens a failing schedule: as few faults and as short a time as still break the same law.
 #[must_use]

@@ -7,7 +7,6 @@ mod lease;
 mod orders;
 mod physics;
 mod run;
-mod schedules;
 mod security;
 mod serve;
 mod servos;

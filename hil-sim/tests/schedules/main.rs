@@ -11,7 +11,7 @@ fn threads() -> usize {
 
 #[test]
 fn no_law_breaks_whatever_strikes() {
-    let summary = many(0, SCHEDULES, threads(), &Cut::default(), &|| true);
+    let summary = many(0, SCHEDULES, threads(), &Cut::default(), false, &|| true);
     assert_eq!(summary.schedules, SCHEDULES);
     assert!(summary.failures.is_empty(), "{:#?}", summary.failures);
     for (kind, struck) in Kind::all().zip(summary.struck) {
@@ -25,7 +25,7 @@ fn no_law_breaks_whatever_strikes() {
 
 #[test]
 fn the_sum_does_not_depend_on_the_number_of_threads() {
-    let of = |threads| many(5_000, 24, threads, &Cut::default(), &|| true);
+    let of = |threads| many(5_000, 24, threads, &Cut::default(), false, &|| true);
     assert_eq!(of(1), of(3));
 }
 
