@@ -3,6 +3,7 @@
 mod demo;
 mod elf;
 mod figures;
+mod planted;
 mod release;
 mod sbom;
 mod setup;
@@ -24,6 +25,7 @@ cargo xtask <command>
   release   archives, Debian package, checksums and parts list of this version, in target/dist
   site      the pages as a web site, in target/site with mdBook, links followed
   tick      count the instructions of the 20 Hz law, over all shipped and 200 random gaits, in QEMU
+  planted   plant faults one at a time in a copy and print what finds them; [NUMBERS] (half an hour)
   figures   print every table that the documentation quotes, from a fresh run (tens of minutes)
 ";
 
@@ -39,6 +41,7 @@ fn main() -> ExitCode {
         Some("site") => site::run(),
         Some("tick") => tick::run(),
         Some("figures") => figures::run(),
+        Some("planted") => planted::run(arguments.get(1..).unwrap_or_default()),
         _ => {
             eprint!("{USAGE}");
             return ExitCode::from(2);
