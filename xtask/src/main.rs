@@ -1,8 +1,10 @@
 //! Set-up, the two commands of the README, the firmware build, and the tables of the documentation.
 
+mod audit;
 mod demo;
 mod elf;
 mod figures;
+mod fuzz;
 mod planted;
 mod release;
 mod sbom;
@@ -22,6 +24,7 @@ cargo xtask <command>
   setup     only the set-up that `test` does: Rust target, QEMU, Python clients, browser, mdBook
   fw        build the firmware image for the STM32L475VG and print its size
   gate      link `control` and `protocol` into a thumb image in which a reachable panic is a link error
+  fuzz      [--seconds N] [TARGET...]: every fuzz target, 60 s each when not given (coverage needs nightly and cargo-fuzz)
   release   archives, Debian package, checksums and parts list of this version, in target/dist
   site      the pages as a web site, in target/site with mdBook, links followed
   tick      count the instructions of the 20 Hz law, over all shipped and 200 random gaits, in QEMU
@@ -37,6 +40,7 @@ fn main() -> ExitCode {
         Some("setup") => setup::run().map(|report| report.print()),
         Some("fw") => test::firmware_image(),
         Some("gate") => test::panic_free_gate(),
+        Some("fuzz") => fuzz::run(&arguments[1..]),
         Some("release") => release::run(),
         Some("site") => site::run(),
         Some("tick") => tick::run(),

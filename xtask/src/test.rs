@@ -13,6 +13,10 @@ const STEPS: &[Step] = &[
     ("firmware image", firmware_image),
     ("panic-free gate", panic_free_gate),
     ("instructions of the law", crate::tick::check),
+    (
+        "licences and known faults of dependencies",
+        crate::audit::run,
+    ),
     ("web site of the pages", crate::site::run),
     ("QEMU plug-in", plugin),
     ("tests", tests),

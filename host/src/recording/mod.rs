@@ -14,6 +14,7 @@ mod decode;
 pub mod folder;
 mod load;
 mod reader;
+mod record;
 pub mod rows;
 mod scan;
 pub mod schema;

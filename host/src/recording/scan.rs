@@ -5,6 +5,8 @@ use std::io::Read as _;
 use mcap::records::{ChunkHeader, Record, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
+use super::record;
+
 /// First and last bytes of an MCAP file.
 const MAGIC: &[u8] = b"\x89MCAP0\r\n";
 /// Opcode and length in front of a record.
@@ -146,9 +148,9 @@ fn split(bytes: &[u8]) -> Option<(u8, &[u8], usize)> {
 
 fn whole_record(offset: u64, opcode: u8, body: &[u8], walk: &mut Walk<'_, impl Sink>) {
     let sink = &mut *walk.sink;
-    match mcap::parse_record(opcode, body) {
-        Ok(Record::Chunk { header, data }) => chunk(offset, &header, body, &data, walk),
-        Ok(Record::Attachment { header, data, crc }) => {
+    match record::parse(opcode, body) {
+        Some(Record::Chunk { header, data }) => chunk(offset, &header, body, &data, walk),
+        Some(Record::Attachment { header, data, crc }) => {
             let covered = body.len().saturating_sub(4);
             if crc != 0 && crc32(body.get(..covered).unwrap_or(&[])) != crc {
                 sink.damage(Damage {
@@ -159,8 +161,8 @@ fn whole_record(offset: u64, opcode: u8, body: &[u8], walk: &mut Walk<'_, impl S
                 sink.record(offset, Record::Attachment { header, data, crc });
             }
         }
-        Ok(record) => sink.record(offset, record),
-        Err(_) => sink.damage(Damage {
+        Some(record) => sink.record(offset, record),
+        None => sink.damage(Damage {
             offset,
             kind: DamageKind::Record,
         }),
@@ -225,7 +227,7 @@ impl<'a> Iterator for Records<'a> {
         }
         let rest = std::mem::take(&mut self.0);
         Some(split(rest).and_then(|(opcode, body, size)| {
-            let record = mcap::parse_record(opcode, body).ok()?;
+            let record = record::parse(opcode, body)?;
             self.0 = rest.get(size..)?;
             Some(record)
         }))
@@ -254,8 +256,7 @@ fn unpack(body: &[u8], budget: &mut usize) -> Result<Vec<Record<'static>>, Damag
             LinearReadEvent::Record { data, opcode } => {
                 let cost = data.len() + RECORD_COST;
                 *budget = budget.checked_sub(cost).ok_or(DamageKind::ChunkSize)?;
-                let record =
-                    mcap::parse_record(opcode, data).map_err(|_| DamageKind::ChunkChecksum)?;
+                let record = record::parse(opcode, data).ok_or(DamageKind::ChunkChecksum)?;
                 waiting.push(record.into_owned());
             }
         }
@@ -280,7 +281,7 @@ fn cut_record(offset: u64, bytes: &[u8], sink: &mut impl Sink) {
         .filter(|_| bytes.first() == Some(&op::CHUNK));
     if let Some(mut records) = in_chunk.and_then(cut_chunk_records) {
         while let Some((opcode, body, size)) = split(records) {
-            if let Ok(record) = mcap::parse_record(opcode, body) {
+            if let Some(record) = record::parse(opcode, body) {
                 sink.record(offset, record);
             }
             records = records.get(size..).unwrap_or(&[]);
