@@ -403,8 +403,10 @@ impl ModuleHandler for Visitor<'_> {
 
     fn drivers(&mut self) -> Drivers {
         let motors = &self.core.motors;
-        // At most one per joint.
-        (self.core.settings.drivers, motors.wrong().collect())
+        let profile = self.core.settings.drivers;
+        // Until the next cycle goes over to a new profile, what is known is of the old one. At most one per joint.
+        let known = motors.wrong().filter(|_| motors.info().profile == profile);
+        (profile, known.collect())
     }
 }
 

@@ -17,8 +17,9 @@ use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::link::{LinkError, Robot, text};
 
-/// Ids at which Feetech servos are looked for: they have no broadcast ping, and a robot has twelve drivers at most.
-const FEETECH_IDS: std::ops::RangeInclusive<u8> = 1..=12;
+/// Ids of a robot's drivers, twelve at most, asked one by one: Feetech servos have no broadcast ping, and Dynamixel ones with different return
+/// delays talk at once after it.
+const ROBOT_IDS: std::ops::RangeInclusive<u8> = 1..=12;
 /// A driver takes its settings one by one: this long at most.
 const SETTLED: Duration = Duration::from_secs(4);
 
@@ -92,7 +93,13 @@ fn kind_of(found: &[Found]) -> Outcome<Profile> {
 }
 
 fn dynamixel(way: &mut BusWay) -> Outcome<Vec<Found>> {
-    let answers = way.exchange(Request::ping(BROADCAST).map_err(too_long)?)?;
+    let mut answers = way.exchange(Request::ping(BROADCAST).map_err(too_long)?)?;
+    for id in ROBOT_IDS {
+        if answers.iter().all(|answer| answer.id != id) {
+            answers.extend(way.exchange(Request::ping(id).map_err(too_long)?)?);
+        }
+    }
+    answers.sort_by_key(|answer| answer.id);
     let found = answers.iter().map(|answer| {
         let model = answer
             .data
@@ -113,7 +120,7 @@ fn dynamixel(way: &mut BusWay) -> Outcome<Vec<Found>> {
 
 fn feetech(way: &mut BusWay) -> Outcome<Vec<Found>> {
     let mut found = Vec::new();
-    for id in FEETECH_IDS {
+    for id in ROBOT_IDS {
         // The same place in both series; only the order of the bytes differs.
         let info = Profile::Sts.info();
         let request = info.read_field(id, &info.model).map_err(too_long)?;

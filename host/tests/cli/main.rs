@@ -30,6 +30,7 @@ mod recordings;
 mod rfcomm;
 mod rig;
 mod search;
+mod servos;
 #[cfg(target_os = "linux")]
 mod terminal;
 mod tether;
