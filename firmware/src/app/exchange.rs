@@ -8,8 +8,8 @@
 //! reading         read all
 //! ```
 //!
-//! Every phase is entered a bounded number of times per cycle, so the number of packets is bounded: at most 10, two more for
-//! each driver that complains or is new, and with all six drivers silent the three tries take 18.3 ms of the 50. Servos that
+//! Every phase is entered a bounded number of times per cycle, so the number of packets is bounded: at most 10, and two more
+//! for each driver that complains or is new. With all six drivers silent the three tries take 18.3 ms of the 50. Servos that
 //! come into use (not ours, not in motion) take [`SETUP_PACKETS`] more; a series without Sync Read is read one by one.
 
 use super::core::Core;

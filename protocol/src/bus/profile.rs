@@ -182,9 +182,9 @@ const X_LAYOUT: Layout = Layout {
     temperature: x(19, 1, Sign::None),
 };
 
-/// Settings of an X servo (e-manual, addresses in order): torque off; velocity-based profile and normal direction (Drive Mode 0); extended
-/// position (Operating Mode 4); no return delay; Profile Acceleration and Velocity 0, which is none; the map of the cyclic read; bus watchdog
-/// cleared, then 160 ms, which after a restart reads 0 again and so tells of it.
+/// Settings of an X servo (e-manual, addresses in order). Torque off; velocity-based profile and normal direction (Drive Mode 0).
+/// Extended position (Operating Mode 4); no return delay; Profile Acceleration and Velocity 0, which is none. The map of the cyclic read.
+/// Bus watchdog cleared, then 160 ms: after a restart it reads 0 again.
 const X_SETTINGS: &[Setting] = &[
     set(64, &[0]),
     set(10, &[0]),
@@ -263,8 +263,8 @@ const fn feetech_layout(order: Order, sign: Sign, marker: Option<Field>) -> Layo
 /// Goal Speed that limits nothing, steps/s: twice what an STS3215 turns unloaded (52 rpm = 3550 steps/s), low byte first. A restart clears it.
 const STS_FREE_SPEED: [u8; 2] = 7_000_u16.to_le_bytes();
 
-/// Settings of STS (Feetech SDK and protocol manual): torque off; EEPROM unlocked (55); no return delay (7); angle limits 0, which means several
-/// turns (9..=12); position mode (33); EEPROM locked; no acceleration limit (41); Goal Time 0, Goal Speed free (44..=47).
+/// Settings of STS (Feetech SDK and protocol manual). Torque off; EEPROM unlocked (55); no return delay (7). Angle limits 0, which means
+/// several turns (9..=12); position mode (33); EEPROM locked. No acceleration limit (41); Goal Time 0, Goal Speed free (44..=47).
 const STS_SETTINGS: &[Setting] = &[
     set(40, &[0]),
     set(55, &[0]),
