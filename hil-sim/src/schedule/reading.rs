@@ -6,9 +6,8 @@ use protocol::bus::Instruction;
 /// lies inside each.
 pub(super) const EDGE_M: f64 = 0.110;
 
-/// Distance of the centres of cubes 1 and 4, m, from the angles of A.M2 and B.M0 alone: each end cube is one edge
-/// from the next cube,
-/// turned about the diagonal (1, 1, 1) or (1, -1, 1) of that cube.
+/// Distance of the centres of cubes 1 and 4, m, from the angles of A.M2 and B.M0 alone.
+/// Each end cube is one edge from the next cube, turned about the diagonal (1, 1, 1) or (1, -1, 1) of that cube.
 pub(super) fn end_cubes_apart_m(a_m2_rad: f64, b_m0_rad: f64) -> f64 {
     let first = turned([1.0, 1.0, 1.0], -a_m2_rad, [-EDGE_M, 0.0, 0.0]);
     let last = turned([1.0, -1.0, 1.0], b_m0_rad, [EDGE_M, 0.0, 0.0]);
