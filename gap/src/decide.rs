@@ -16,6 +16,9 @@ pub struct Calibration {
     pub source: String,
     /// Evidence of the best cause of each of them, ascending.
     pub strongest: Vec<f64>,
+    /// What the best set leaves of each of them, ascending; empty where nothing was measured of it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub remainders: Vec<f64>,
 }
 
 /// Why a calibration cannot be used.
@@ -57,7 +60,17 @@ impl Calibration {
             command: command.into(),
             source: source.into(),
             strongest,
+            remainders: Vec::new(),
         })
+    }
+
+    /// The same with what the best sets leave.
+    #[must_use]
+    pub fn with_remainders(mut self, mut remainders: Vec<f64>) -> Self {
+        remainders.retain(|x| x.is_finite());
+        remainders.sort_by(f64::total_cmp);
+        self.remainders = remainders;
+        self
     }
 
     /// Reads a file that [`Calibration::to_json`] wrote.
@@ -69,7 +82,8 @@ impl Calibration {
         if read.schema != SCHEMA {
             return Err(CalibrationError::Schema(read.schema));
         }
-        Self::new(read.strongest, &read.command, &read.source)
+        let own = Self::new(read.strongest, &read.command, &read.source)?;
+        Ok(own.with_remainders(read.remainders))
     }
 
     /// The file's text.
@@ -83,14 +97,33 @@ impl Calibration {
     /// That of emulated robots and of robots played in MuJoCo.
     #[must_use]
     pub fn shipped() -> Self {
-        let text = include_str!("../calibration/robot.json");
-        // A test reads it.
+        Self::of(include_str!("../calibration/robot.json"))
+    }
+
+    /// That of emulated joints and of joints played in MuJoCo.
+    #[must_use]
+    pub fn shipped_joint() -> Self {
+        Self::of(include_str!("../calibration/joint.json"))
+    }
+
+    fn of(text: &str) -> Self {
+        // A test reads both.
         Self::parse(text).unwrap_or_else(|_| Self {
             schema: SCHEMA.into(),
             command: String::new(),
             source: String::new(),
             strongest: vec![f64::MAX; LEAST],
+            remainders: Vec::new(),
         })
+    }
+
+    /// Conformal p-value of what a set leaves: the chance that one without a cause leaves as much; 1 where nothing
+    /// was measured of that.
+    #[must_use]
+    pub fn remainder_p(&self, remainder: f64) -> f64 {
+        let below = self.remainders.partition_point(|x| *x < remainder);
+        let n = self.remainders.len();
+        (n - below + 1) as f64 / (n + 1) as f64
     }
 
     /// Conformal p-value of an evidence: the chance that a robot without a cause shows as much.
@@ -140,12 +173,13 @@ mod tests {
     }
 
     #[test]
-    fn the_shipped_file_is_a_calibration() {
-        let shipped = Calibration::shipped();
-        assert!(shipped.strongest.len() >= LEAST, "{shipped:?}");
-        assert!(shipped.least() < 1e3);
-        let again = Calibration::parse(&shipped.to_json().expect("text")).expect("read");
-        assert_eq!(again, shipped);
+    fn the_shipped_files_are_calibrations() {
+        for shipped in [Calibration::shipped(), Calibration::shipped_joint()] {
+            assert!(shipped.strongest.len() >= LEAST, "{shipped:?}");
+            assert!(shipped.least() < 1e3);
+            let again = Calibration::parse(&shipped.to_json().expect("text")).expect("read");
+            assert_eq!(again, shipped);
+        }
     }
 
     #[test]

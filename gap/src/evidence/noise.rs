@@ -87,6 +87,35 @@ fn filtered(v: &[f64], a: &[f64], scale: f64) -> Vec<f64> {
         .collect()
 }
 
+/// A filter that makes errors independent and of size one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Whitening {
+    /// Coefficients of the prediction from the past.
+    past: Vec<f64>,
+    /// Standard deviation of one-step prediction errors, in the unit of the signal.
+    pub noise: f64,
+}
+
+impl Whitening {
+    /// `v` as independent errors; the first rows see a shorter past.
+    #[must_use]
+    pub fn apply(&self, v: &[f64]) -> Vec<f64> {
+        filtered(v, &self.past, 1.0 / self.noise)
+    }
+
+    /// Rows whose past is not known.
+    #[must_use]
+    pub fn order(&self) -> usize {
+        self.past.len()
+    }
+
+    /// The filter of what all `columns` together leave of the errors.
+    #[must_use]
+    pub fn fit(segments: &[Segment], columns: &[Column], order: usize, floor: f64) -> Self {
+        passes(segments, columns, order, floor).1
+    }
+}
+
 /// Errors and columns filtered to independent errors of size one, and the standard deviation of those errors in the
 /// unit of the signal.
 pub(super) fn whiten(
@@ -95,8 +124,21 @@ pub(super) fn whiten(
     order: usize,
     floor: f64,
 ) -> (Vec<Segment>, f64) {
+    let (out, white) = passes(segments, columns, order, floor);
+    (out, white.noise)
+}
+
+fn passes(
+    segments: &[Segment],
+    columns: &[Column],
+    order: usize,
+    floor: f64,
+) -> (Vec<Segment>, Whitening) {
     let mut out = segments.to_vec();
-    let mut noise = 1.0;
+    let mut white = Whitening {
+        past: Vec::new(),
+        noise: 1.0,
+    };
     for _ in 0..PASSES {
         let theta = saturated(&out, columns);
         let left: Vec<(Vec<f64>, &[f64])> = segments
@@ -105,14 +147,17 @@ pub(super) fn whiten(
             .collect();
         let mut r = autocovariance(&left, order);
         r[0] += floor * floor;
-        let (a, variance) = levinson(&r);
-        noise = variance.max(1e-300).sqrt();
+        let (past, variance) = levinson(&r);
+        white = Whitening {
+            past,
+            noise: variance.max(1e-300).sqrt(),
+        };
         for ((to, from), (left, _)) in out.iter_mut().zip(segments).zip(&left) {
-            to.y = filtered(&from.y, &a, 1.0 / noise);
+            to.y = white.apply(&from.y);
             for (to, from) in to.x.iter_mut().zip(&from.x) {
-                *to = filtered(from, &a, 1.0 / noise);
+                *to = white.apply(from);
             }
-            let z = filtered(left, &a, 1.0 / noise);
+            let z = white.apply(left);
             for ((w, own), z) in to.weight.iter_mut().zip(&from.weight).zip(&z) {
                 *w = own * (HUBER / z.abs().max(HUBER));
             }
@@ -120,7 +165,7 @@ pub(super) fn whiten(
             to.weight.iter_mut().take(order).for_each(|w| *w = 0.0);
         }
     }
-    (out, noise)
+    (out, white)
 }
 
 #[cfg(test)]
