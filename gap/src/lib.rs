@@ -1,5 +1,6 @@
 //! Diagnosis of the sim-to-real gap: where, which effect, how far it shrinks.
 
+pub mod bench;
 pub mod candidates;
 pub mod decide;
 pub mod diagnose;

@@ -1,0 +1,319 @@
+//! Causes in words and numbers: `rb.gap/2`.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::Explained;
+use super::library::Hypothesis;
+use super::search::Set;
+use crate::decide::{Calibration, LEVEL};
+use crate::evidence::cause::Scope;
+use crate::names;
+use crate::vocabulary::Effect;
+use crate::whole::{Alternative, Probabilities, Row, Value};
+
+/// One word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Word {
+    /// Nothing is there that joints without a cause do not show.
+    None,
+    /// Stated numbers beyond their tolerance, and no more is left than joints without a cause leave.
+    Parametric,
+    /// Causes are named, and no more is left than joints without a cause leave.
+    Explained,
+    /// Causes are named, and more is left.
+    PartlyExplained,
+    /// What is there has no effect's shape, or too little is stated.
+    Unknown,
+}
+
+/// The causes of a joint's gap.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Causes {
+    /// Always `rb.gap/2`.
+    pub schema: &'static str,
+    /// One word.
+    pub verdict: Word,
+    /// One sentence.
+    pub sentence: String,
+    /// Causes, strongest first.
+    pub causes: Vec<Row>,
+    /// None and unknown.
+    pub probabilities: Probabilities,
+    /// Keys of `dataset.toml` without which no cause can be named.
+    pub to_state: Vec<&'static str>,
+    /// Chance that a joint without a cause leaves as much.
+    pub remainder_p: Option<f64>,
+    /// Evidence that a cause must add, and the joints without a cause that it comes from.
+    pub least_evidence: f64,
+    /// How many.
+    pub null_joints: usize,
+}
+
+/// A cause that a signal shows by itself.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Read {
+    pub(super) effect: Effect,
+    key: &'static str,
+    value: f64,
+    error: f64,
+    pub(super) evidence: f64,
+}
+
+impl Read {
+    pub(super) fn new(
+        effect: Effect,
+        key: &'static str,
+        [value, error]: [f64; 2],
+        evidence: f64,
+    ) -> Self {
+        Self {
+            effect,
+            key,
+            value,
+            error,
+            evidence,
+        }
+    }
+
+    fn row(&self, calibration: &Calibration) -> Row {
+        let p_value = calibration.p_value(self.evidence);
+        let off = 1.96 * self.error;
+        let value = Value {
+            value: self.value,
+            ci95: [self.value - off, self.value + off],
+            by_joint: BTreeMap::from([(0, self.value)]),
+        };
+        let robot = !self.effect.info().per_joint();
+        Row {
+            effect: Some(self.effect.name()),
+            stage: Some(self.effect.stage().name()),
+            scope: if robot { Scope::Robot } else { Scope::Joint },
+            joints: if robot { Vec::new() } else { vec![0] },
+            kind: "structural",
+            values: BTreeMap::from([(self.key, value)]),
+            probability: 1.0 - p_value,
+            p_value,
+            evidence: self.evidence,
+            alternatives: Vec::new(),
+        }
+    }
+}
+
+/// Likelihood ratios within which two causes are one class: a factor of 20 (Kass and Raftery 1995: strong).
+const CLASS: f64 = 3.0;
+/// Share of the squares beyond the noise that stays, above which what was named is not what is there.
+const MOST: f64 = 0.5;
+/// Alternatives that are listed.
+const LISTED: usize = 5;
+
+impl Causes {
+    pub(super) fn too_little(missing: Vec<&'static str>, calibration: &Calibration) -> Self {
+        Self {
+            schema: "rb.gap/2",
+            verdict: Word::Unknown,
+            sentence: format!(
+                "Too little is stated to name a cause; state {} in dataset.toml.",
+                missing.join(", ")
+            ),
+            causes: Vec::new(),
+            probabilities: Probabilities {
+                none: 0.0,
+                unknown: 1.0,
+            },
+            to_state: missing,
+            remainder_p: None,
+            least_evidence: calibration.least(),
+            null_joints: calibration.strongest.len(),
+        }
+    }
+}
+
+/// Standard deviations of the values of a hypothesis, by slopes along the set's coordinates.
+fn values(e: &Explained, set: &Set, h: &Hypothesis) -> BTreeMap<&'static str, Value> {
+    let read = |x: &[f64]| -> Vec<(&'static str, f64)> {
+        let point = set.fit.model.point(x);
+        match &h.candidate {
+            Some(c) => names::parameters(&e.data.problem, c, &point.params),
+            None => h
+                .coordinates
+                .iter()
+                .map(|c| (key(h, c.axis), point.get(c.axis)))
+                .collect(),
+        }
+    };
+    let here = read(&set.fit.x);
+    let n = set.fit.x.len();
+    let covariance = set.fit.covariance();
+    let mut slopes = vec![vec![0.0; n]; here.len()];
+    for j in 0..n {
+        let step = set.fit.model.coordinates[j].step(set.fit.x[j]);
+        let mut moved = set.fit.x.clone();
+        moved[j] += step;
+        for (k, (_, v)) in read(&moved).iter().enumerate() {
+            slopes[k][j] = (v - here[k].1) / step;
+        }
+    }
+    here.iter()
+        .zip(&slopes)
+        .map(|((key, value), g)| {
+            let mut variance = 0.0;
+            for i in 0..n {
+                for j in 0..n {
+                    variance += g[i] * g[j] * covariance[i * n + j];
+                }
+            }
+            let off = 1.96 * variance.max(0.0).sqrt();
+            let value = Value {
+                value: *value,
+                ci95: [value - off, value + off],
+                by_joint: BTreeMap::from([(0, *value)]),
+            };
+            (*key, value)
+        })
+        .collect()
+}
+
+/// Keys of compounds, which the vocabulary does not name.
+fn key(h: &Hypothesis, axis: super::model::Axis) -> &'static str {
+    use super::model::Axis;
+    use crate::joint::P;
+    match (h.kind, axis) {
+        (super::library::Kind::Payload, Axis::Joint(P::Inertia)) => "inertia_ratio",
+        (super::library::Kind::Payload, _) => "ratio",
+        (_, Axis::Joint(P::Supply)) => "supply_ratio",
+        (_, Axis::Joint(P::Sag)) => "resistance_ohm",
+        _ => "ratio",
+    }
+}
+
+impl Explained {
+    fn row(&self, i: usize, calibration: &Calibration) -> Row {
+        let set = &self.found.best;
+        let h = &self.search.hypotheses[set.members[i]];
+        let scope = |h: &Hypothesis| {
+            if h.kind.of_robot() {
+                Scope::Robot
+            } else {
+                Scope::Joint
+            }
+        };
+        let joints = |h: &Hypothesis| {
+            if h.kind.of_robot() {
+                Vec::new()
+            } else {
+                vec![0]
+            }
+        };
+        let mut seen = vec![h.kind];
+        let mut alternatives = Vec::new();
+        for r in &self.found.rivals[i] {
+            let other = &self.search.hypotheses[r.hypothesis];
+            if seen.contains(&other.kind) {
+                continue;
+            }
+            seen.push(other.kind);
+            alternatives.push(Alternative {
+                effect: Some(other.kind.name()),
+                scope: scope(other),
+                joints: joints(other),
+                margin: r.margin,
+                distinguishable: r.margin > CLASS,
+            });
+        }
+        alternatives.truncate(LISTED);
+        let evidence = self.found.gains[i];
+        let p_value = calibration.p_value(evidence);
+        let others: f64 = alternatives
+            .iter()
+            .map(|a| libm::exp(-a.margin.max(-20.0)))
+            .sum();
+        Row {
+            effect: Some(h.kind.name()),
+            stage: Some(h.kind.stage()),
+            scope: scope(h),
+            joints: joints(h),
+            kind: if h.kind.parametric() {
+                "parametric"
+            } else {
+                "structural"
+            },
+            values: values(self, set, h),
+            probability: (1.0 - p_value) / (1.0 + others),
+            p_value,
+            evidence,
+            alternatives,
+        }
+    }
+
+    /// Causes in words and numbers, decided by `calibration`.
+    pub(super) fn rows(&self, calibration: &Calibration) -> Causes {
+        let members = 0..self.found.best.members.len();
+        let mut named: Vec<(Row, String)> = members
+            .map(|i| {
+                let kind = self.search.hypotheses[self.found.best.members[i]].kind;
+                (self.row(i, calibration), kind.plain())
+            })
+            .collect();
+        let read = self.transport.read.iter();
+        let strong = read.filter(|r| r.evidence > calibration.least());
+        named.extend(strong.map(|r| (r.row(calibration), r.effect.plain().to_owned())));
+        named.sort_by(|a, b| b.0.evidence.total_cmp(&a.0.evidence));
+        let (causes, plain): (Vec<Row>, Vec<String>) = named.into_iter().unzip();
+        let remainder_p = calibration.remainder_p(self.remainder.ratio);
+        let more = remainder_p < LEVEL;
+        let verdict = match causes.first() {
+            _ if more && (causes.is_empty() || self.remainder.share > MOST) => Word::Unknown,
+            None => Word::None,
+            Some(_) if more => Word::PartlyExplained,
+            Some(_) if causes.iter().all(|r| r.kind == "parametric") => Word::Parametric,
+            Some(_) => Word::Explained,
+        };
+        let none = if causes.is_empty() {
+            calibration.p_value(self.found.next).min(1.0)
+        } else {
+            0.0
+        };
+        let unknown = if verdict == Word::Unknown {
+            1.0 - none
+        } else {
+            0.0
+        };
+        Causes {
+            schema: "rb.gap/2",
+            verdict,
+            sentence: sentence(verdict, &plain),
+            causes,
+            probabilities: Probabilities { none, unknown },
+            to_state: Vec::new(),
+            remainder_p: Some(remainder_p),
+            least_evidence: calibration.least(),
+            null_joints: calibration.strongest.len(),
+        }
+    }
+
+    /// Evidence of the strongest cause, named or not.
+    pub(super) fn strongest(&self) -> f64 {
+        let read = self.transport.read.iter().map(|r| r.evidence);
+        let gains = self.found.gains.iter().copied();
+        gains.chain(read).fold(self.found.next, f64::max)
+    }
+}
+
+fn sentence(word: Word, causes: &[String]) -> String {
+    let list = causes.join("; ");
+    match word {
+        Word::None => "No cause shows that joints without a cause do not show as well.".into(),
+        Word::Unknown => {
+            "More is left than joints without a cause leave, and no effect explains it.".into()
+        }
+        Word::Parametric | Word::Explained => format!("Causes, strongest first: {list}."),
+        Word::PartlyExplained => {
+            format!(
+                "Causes, strongest first: {list}. More is left than joints without a cause leave."
+            )
+        }
+    }
+}

@@ -1,0 +1,170 @@
+//! Set-points on their way to the driver.
+
+use files::dataset::{Manifest, Recording, Signal};
+
+use super::rows::Read;
+use crate::joint::arrival::Regularity;
+use crate::joint::{Problem, RunData};
+use crate::names::jitter_s;
+use crate::vocabulary::Effect;
+
+/// What the echo shows of the way, and the recordings that the chain is played from.
+pub(super) struct Transport {
+    /// Recordings whose set-points are those that the driver applied, where these come irregularly.
+    pub(super) cut: Vec<Recording>,
+    /// Causes that the echo shows by itself.
+    pub(super) read: Vec<Read>,
+    irregular: bool,
+    /// Whether the driver echoes its set-points.
+    pub(super) echoed: bool,
+}
+
+impl Transport {
+    pub(super) fn new(manifest: &Manifest, recordings: &[Recording], withhold: &[Effect]) -> Self {
+        let mut cut = recordings.to_vec();
+        let echoed = recordings.iter().all(|r| echo(r).is_some());
+        let read = Problem::new(manifest, recordings, 0)
+            .filter(|_| echoed)
+            .and_then(|p| irregular(&p))
+            .filter(|r| !withhold.contains(&r.effect));
+        if read.is_some() {
+            for r in &mut cut {
+                let applied = echo(r);
+                if let Some(j) = r.joint_mut(0) {
+                    j.set(Signal::Setpoint, applied);
+                    j.set(Signal::AppliedSetpoint, None);
+                }
+            }
+        }
+        Self {
+            cut,
+            echoed,
+            irregular: read.is_some(),
+            read: read.into_iter().collect(),
+        }
+    }
+
+    /// Whether the chain begins at the echo.
+    pub(super) fn cut_off(&self) -> bool {
+        self.irregular
+    }
+}
+
+fn echo(r: &Recording) -> Option<Vec<f64>> {
+    let j = r.joint(0)?;
+    j.get(Signal::Setpoint)?;
+    Some(j.get(Signal::AppliedSetpoint)?.to_vec())
+}
+
+/// Delays beyond this many row times between them are no rounding of one: it falls into one row or, at its edge, two.
+const ROWS: f64 = 1.5;
+/// Share of set-points of which one is lost by chance: a damaged frame in a hundred.
+const CHANCE: f64 = 0.01;
+/// Share of model error, as in the fit.
+const MODEL_ERROR: f64 = 0.1;
+
+/// Set-points that come unevenly, or not at all.
+fn irregular(problem: &Problem) -> Option<Read> {
+    let (mut delays, mut doubt, mut sent, mut lost) = (Vec::new(), 0.0_f64, 0.0, 0.0);
+    let step = crate::joint::arrival::lattice(&problem.runs).unwrap_or(0.0);
+    for run in problem.runs.iter().filter(|r| r.arrivals.len() > FEW) {
+        for pair in run.arrivals.windows(2) {
+            let [from, to] = [pair[0].index, pair[1].index];
+            sent += 1.0;
+            // A set-point that would not have changed the echo is not missed.
+            for k in from + 1..to {
+                sent += 1.0;
+                lost += f64::from(u8::from(
+                    (run.command[k] - run.command[from]).abs() > step.max(1e-5),
+                ));
+            }
+        }
+        for a in run.arrivals.iter().skip(1) {
+            delays.push(a.t_s - run.command_t_s[a.index]);
+            doubt = doubt.max(2.0 * a.doubt_s);
+        }
+    }
+    if delays.len() < FEW || step > 0.0 {
+        return None;
+    }
+    let count = delays.len() as f64;
+    let counts = 1.0 / (1.0 + count * MODEL_ERROR * MODEL_ERROR);
+    let least = crate::math::quantile(&delays, 0.05) - 0.5 * doubt;
+    let square = |d: &f64| (d - least).max(0.0) * (d - least).max(0.0);
+    let spread_s = (delays.iter().map(square).sum::<f64>() / count).sqrt();
+    let range_s = crate::math::quantile(&delays, 0.98) - crate::math::quantile(&delays, 0.02);
+    let regularity = Regularity {
+        sent,
+        lost: lost / sent,
+        least_s: least.max(0.0),
+        range_s,
+        spread_s,
+        doubt_s: doubt,
+    };
+    let share = lost / sent;
+    let off = (share * (1.0 - share) / sent).sqrt();
+    if range_s > ROWS * doubt {
+        let sigma = jitter_s(problem, &regularity, 0.0);
+        let error = sigma * (0.5 / count).sqrt() + 0.1 * doubt;
+        let evidence = counts * count * libm::log(range_s / doubt);
+        return Some(Read::new(
+            Effect::Jitter,
+            "sigma_s",
+            [sigma, error],
+            evidence,
+        ));
+    }
+    let evidence = counts * lost * libm::log(share.max(1e-6) / CHANCE);
+    (share > CHANCE).then(|| Read::new(Effect::PacketLoss, "probability", [share, off], evidence))
+}
+
+/// Least number of set-points from which their interval is read.
+const FEW: usize = 10;
+
+/// The interval at which set-points are sent, s, where they are sent at all ticks of one.
+fn interval_s(runs: &[RunData]) -> Option<f64> {
+    let mut gaps = Vec::new();
+    for r in runs
+        .iter()
+        .filter(|r| r.curved && r.command_t_s.len() > FEW)
+    {
+        let t = &r.command_t_s;
+        let own: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
+        let usual = crate::math::median(&own);
+        // Set-points that did not change leave gaps of several intervals; rows show a single one longer or shorter.
+        let single: Vec<f64> = own.into_iter().filter(|g| *g < 1.75 * usual).collect();
+        let rough = crate::math::mean(&single);
+        let count = ((t[t.len() - 1] - t[1]) / rough).round();
+        gaps.push((t[t.len() - 1] - t[1]) / count.max(1.0));
+    }
+    (!gaps.is_empty()).then(|| crate::math::median(&gaps))
+}
+
+/// Puts set-points at the instants at which they were sent, where rows show each of them late by a part of a row.
+pub(super) fn regular(problem: &mut Problem) {
+    let Some(interval) = interval_s(&problem.runs) else {
+        return;
+    };
+    let row = super::data::row_s(problem);
+    for run in &mut problem.runs {
+        if run.command_t_s.len() < 2 {
+            continue;
+        }
+        let first = run.command_t_s[1];
+        let off: Vec<f64> = run.command_t_s[1..]
+            .iter()
+            .map(|t| {
+                let n = (t - first) / interval;
+                (n - n.round()) * interval
+            })
+            .collect();
+        let low = off.iter().copied().fold(f64::INFINITY, f64::min);
+        let high = off.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if high - low > 1.05 * row || row >= interval || high - low < 1e-6 {
+            continue;
+        }
+        for (t, off) in run.command_t_s[1..].iter_mut().zip(&off) {
+            *t -= off - low;
+        }
+    }
+}

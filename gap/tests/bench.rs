@@ -1,0 +1,85 @@
+//! Causes of a joint on a bench: recordings of the diagnosis' own simulator, which check the search and its numbers.
+
+mod common;
+
+use gap::bench::{Word, name_causes};
+use gap::decide::Calibration;
+use gap::joint::{P, Params};
+
+/// Nulls that ask for an evidence of 12, beyond what simulated joints without a cause show.
+fn calibration() -> Calibration {
+    let strongest = (0..20).map(|i| f64::from(i) * 12.0 / 19.0).collect();
+    Calibration::new(strongest, "test", "numbers").expect("enough")
+}
+
+#[test]
+fn what_was_planted_is_named_with_its_size() {
+    let cases: [(&str, &[(P, f64)], Option<(&str, &str, f64)>); 5] = [
+        ("nothing", &[], None),
+        (
+            "late",
+            &[(P::Delay, 0.04)],
+            Some(("latency", "delay_s", 0.04)),
+        ),
+        (
+            "dry",
+            &[(P::Coulomb, 0.8)],
+            Some(("coulomb_friction", "torque_nm", 0.8)),
+        ),
+        (
+            "weak",
+            &[(P::LoopGain, 0.7)],
+            Some(("loop_gain", "ratio", 0.7)),
+        ),
+        (
+            "off",
+            &[(P::Offset, 0.05)],
+            Some(("joint_offset", "offset_rad", 0.05)),
+        ),
+    ];
+    for (what, planted, expected) in cases {
+        let mut params = Params::default();
+        planted.iter().for_each(|(p, v)| params.set(*p, *v));
+        let (manifest, recordings) = common::data(&params, 3);
+        let found = name_causes(&manifest, &recordings, &[], &calibration()).expect("positions");
+        match expected {
+            None => {
+                assert_eq!(found.verdict, Word::None, "{what}: {found:?}");
+                assert!(found.causes.is_empty(), "{what}: {found:?}");
+            }
+            Some((effect, key, size)) => {
+                assert_eq!(found.causes.len(), 1, "{what}: {found:?}");
+                let row = &found.causes[0];
+                assert_eq!(row.effect, Some(effect), "{what}: {found:?}");
+                let value = row.values[key].value;
+                assert!((value - size).abs() < 0.05 * size, "{what}: {value}");
+            }
+        }
+    }
+}
+
+#[test]
+fn withheld_effects_are_not_named() {
+    let params = Params::default().with(P::Delay, 0.04);
+    let (manifest, recordings) = common::data(&params, 3);
+    let withhold = [gap::vocabulary::Effect::Latency];
+    let found = name_causes(&manifest, &recordings, &withhold, &calibration()).expect("positions");
+    assert!(
+        found.causes.iter().all(|r| r.effect != Some("latency")),
+        "{found:?}"
+    );
+}
+
+#[test]
+fn too_little_stated_is_an_answer_with_the_list_of_what_to_state() {
+    let (mut manifest, recordings) = common::data(&Params::default(), 3);
+    manifest.bench.inertia = None;
+    manifest.bench.controller.kp = None;
+    let found = name_causes(&manifest, &recordings, &[], &calibration()).expect("positions");
+    assert_eq!(found.verdict, Word::Unknown);
+    assert_eq!(
+        found.to_state,
+        ["bench.controller.kp", "bench.inertia_kg_m2"]
+    );
+    assert!(found.causes.is_empty());
+}
