@@ -1,9 +1,11 @@
-//! `rb-host gap causes` and `rb-host gap calibrate`: the causes of a robot's gap, those that joints share as one.
+//! `rb-host gap causes` and `rb-host gap calibrate`: the causes of the gap of a robot or of a joint on a bench; those that
+//! joints share as one.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use files::dataset::Robot;
+use gap::bench;
 use gap::decide::Calibration;
 use gap::vocabulary::Effect;
 use gap::whole::{Causes, Row, name_causes, strongest_evidence};
@@ -19,9 +21,9 @@ use crate::interrupt;
 /// Options of `gap causes`.
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
-    /// Folder with dataset.toml of a whole robot
+    /// Folder with dataset.toml of a whole robot or of a joint on a bench
     data: PathBuf,
-    /// Null robots of your own, written by `gap calibrate`, instead of the shipped ones
+    /// Nulls of your own, written by `gap calibrate`, instead of the shipped ones
     #[arg(long, value_name = "FILE")]
     calibration: Option<PathBuf>,
     /// Leave an effect out of the library
@@ -32,14 +34,14 @@ pub(super) struct Args {
 /// Options of `gap calibrate`.
 #[derive(Debug, clap::Args)]
 pub(super) struct CalibrateArgs {
-    /// Folder of data sets, one a folder, of robots without a cause
-    #[arg(long, value_name = "DIR")]
-    nulls: PathBuf,
+    /// Folder of data sets, one a folder, of robots or of joints without a cause
+    #[arg(long, value_name = "DIR", required = true)]
+    nulls: Vec<PathBuf>,
     /// File for the calibration
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// What the robots are, for the file's header
-    #[arg(long, default_value = "own robots")]
+    /// What they are, for the file's header
+    #[arg(long, default_value = "own")]
     source: String,
     /// Replace an existing file
     #[arg(long)]
@@ -50,45 +52,37 @@ fn bad(e: impl Into<anyhow::Error>) -> Failure {
     Failure::new(Exit::BadFile, e.into())
 }
 
-fn calibration(path: Option<&Path>) -> Outcome<Calibration> {
+fn calibration(path: Option<&Path>, robot: Robot) -> Outcome<Calibration> {
     match path {
+        None if robot == Robot::Bench => Ok(Calibration::shipped_joint()),
         None => Ok(Calibration::shipped()),
         Some(path) => Calibration::parse(&disk::text(path)?)
             .map_err(|e| Failure::say(Exit::BadFile, format!("{}: {e}", path.display()))),
     }
 }
 
-fn whole(data: &Path, context: &Context) -> Outcome<input::Input> {
-    let input = input::read(data, context)?;
-    if input.manifest.robot == Robot::Bench {
-        return Err(Failure::say(
-            Exit::Usage,
-            format!(
-                "{}: a joint on a bench shares nothing; use `rb-host gap report`",
-                data.display()
-            ),
-        ));
-    }
-    Ok(input)
-}
-
 /// Names the causes of a data set.
 pub(super) fn run(args: &Args, context: &Context) -> Outcome {
-    let calibration = calibration(args.calibration.as_deref())?;
-    let input = whole(&args.data, context)?;
-    let model = model(&args.data, &input)?;
+    let input = input::read(&args.data, context)?;
+    let calibration = calibration(args.calibration.as_deref(), input.manifest.robot)?;
     let _now = interrupt::at_once("stopping: nothing is written");
     let phase = context.out.phase("searching causes");
-    let found = name_causes(
-        &input.manifest,
-        &input.recordings,
-        &model,
-        &args.withhold,
-        &calibration,
-    );
+    let (manifest, recordings) = (&input.manifest, &input.recordings);
+    let found = if manifest.robot == Robot::Bench {
+        bench::name_causes(manifest, recordings, &args.withhold, &calibration)
+            .map(Answer::Joint)
+            .map_err(bad)
+    } else {
+        model(&args.data, &input).and_then(|model| {
+            name_causes(manifest, recordings, &model, &args.withhold, &calibration)
+                .map(Answer::Robot)
+                .map_err(bad)
+        })
+    };
     phase.finish_and_clear();
-    let found = found.map_err(bad)?;
-    let mut json = serde_json::to_value(&found)
+    let found = found?;
+    let mut json = found
+        .json()
         .map_err(|e| Failure::new(Exit::Other, anyhow::Error::new(e)))?;
     json["provenance"] = serde_json::json!({
         "tool": concat!("rb-host ", env!("CARGO_PKG_VERSION")),
@@ -96,8 +90,48 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
         "warnings": input.warnings,
         "calibration": calibration.source,
     });
-    context.out.result(found.schema, json, || text(&found));
+    context.out.result("rb.gap/2", json, || found.text());
     Ok(())
+}
+
+/// What was found, of either kind.
+enum Answer {
+    Joint(bench::Causes),
+    Robot(Causes),
+}
+
+impl Answer {
+    fn json(&self) -> serde_json::Result<serde_json::Value> {
+        match self {
+            Self::Joint(found) => serde_json::to_value(found),
+            Self::Robot(found) => serde_json::to_value(found),
+        }
+    }
+
+    fn text(&self) -> String {
+        let (sentence, rows, least, nulls, what) = match self {
+            Self::Joint(f) => (
+                &f.sentence,
+                &f.causes,
+                f.least_evidence,
+                f.null_joints,
+                "joints",
+            ),
+            Self::Robot(f) => (
+                &f.sentence,
+                &f.causes,
+                f.least_evidence,
+                f.null_robots,
+                "robots",
+            ),
+        };
+        let mut out = text(sentence, rows);
+        let _ = writeln!(
+            out,
+            "\nA cause is named from an evidence of {least:.1}, which {nulls} {what} without a cause do not reach."
+        );
+        out
+    }
 }
 
 /// The data sets below a folder, in order of their names.
@@ -109,30 +143,61 @@ fn sets(folder: &Path) -> Outcome<Vec<PathBuf>> {
     Ok(out)
 }
 
-/// Writes the null distribution of a folder of robots without a cause.
+/// Evidence of the strongest cause of a data set, and what the best set leaves, where that is measured.
+fn strongest(set: &Path, context: &Context) -> Outcome<(Robot, f64, Option<f64>)> {
+    let input = input::read(set, context)?;
+    let (manifest, recordings) = (&input.manifest, &input.recordings);
+    if manifest.robot == Robot::Bench {
+        let [evidence, left] = bench::strongest(manifest, recordings).map_err(bad)?;
+        return Ok((manifest.robot, evidence, Some(left)));
+    }
+    let model = model(set, &input)?;
+    let evidence = strongest_evidence(manifest, recordings, &model).map_err(bad)?;
+    Ok((manifest.robot, evidence, None))
+}
+
+/// Writes the null distribution of folders of robots or of joints without a cause.
 pub(super) fn calibrate(args: &CalibrateArgs, context: &Context) -> Outcome {
     disk::must_be_free(&args.output, args.force)?;
-    let sets = sets(&args.nulls)?;
-    let bar = context.out.progress(sets.len() as u64, "robots");
+    let mut all = Vec::new();
+    for folder in &args.nulls {
+        all.extend(sets(folder)?);
+    }
+    let bar = context.out.progress(all.len() as u64, "data sets");
     let _grace = interrupt::grace("stopping: nothing is written");
-    let mut strongest = Vec::new();
-    for set in &sets {
+    let (mut evidence, mut left, mut kinds) = (Vec::new(), Vec::new(), Vec::new());
+    for set in &all {
         if interrupt::pressed() {
             return Err(Failure::say(
                 Exit::Interrupted,
                 "stopped; nothing was written",
             ));
         }
-        let input = whole(set, context)?;
-        let model = model(set, &input)?;
-        let own = strongest_evidence(&input.manifest, &input.recordings, &model).map_err(bad)?;
-        context.out.detail(format!("{}: {own:.2}", set.display()));
-        strongest.push(own);
+        let (robot, own, rest) = strongest(set, context)?;
+        kinds.push(robot);
+        if kinds.iter().any(|k| *k != robot) {
+            return Err(Failure::say(
+                Exit::Usage,
+                format!("{}: joints and robots are calibrated apart", set.display()),
+            ));
+        }
+        let rest_text = rest.map_or(String::new(), |r| format!(", left {r:.3}"));
+        context
+            .out
+            .detail(format!("{}: {own:.2}{rest_text}", set.display()));
+        evidence.push(own);
+        left.extend(rest);
         bar.inc(1);
     }
     bar.finish_and_clear();
-    let command = format!("rb-host gap calibrate --nulls {}", args.nulls.display());
-    let made = Calibration::new(strongest, &command, &args.source).map_err(bad)?;
+    let folders: Vec<String> = args.nulls.iter().map(|n| n.display().to_string()).collect();
+    let command = format!(
+        "rb-host gap calibrate --nulls {}",
+        folders.join(" --nulls ")
+    );
+    let made = Calibration::new(evidence, &command, &args.source)
+        .map_err(bad)?
+        .with_remainders(left);
     let text = made
         .to_json()
         .map_err(|e| Failure::new(Exit::Other, anyhow::Error::new(e)))?;
@@ -143,10 +208,8 @@ pub(super) fn calibrate(args: &CalibrateArgs, context: &Context) -> Outcome {
 
 fn name(row: &Row) -> String {
     let effect = row.effect.and_then(Effect::from_name);
-    effect.map_or_else(
-        || "no effect of the library".into(),
-        |e| e.plain().to_owned(),
-    )
+    let other = row.effect.unwrap_or("no effect of the library");
+    effect.map_or_else(|| other.replace('_', " "), |e| e.plain().to_owned())
 }
 
 fn joints(row: &Row) -> String {
@@ -158,9 +221,9 @@ fn joints(row: &Row) -> String {
 }
 
 /// The answer for a terminal.
-fn text(found: &Causes) -> String {
-    let mut out = format!("{}\n", found.sentence);
-    for row in &found.causes {
+fn text(sentence: &str, rows: &[Row]) -> String {
+    let mut out = format!("{sentence}\n");
+    for row in rows {
         let _ = write!(
             out,
             "\n{} ({})\n  probability {:.2}, by chance {:.3}, evidence {:.1}\n",
@@ -192,10 +255,5 @@ fn text(found: &Causes) -> String {
             );
         }
     }
-    let _ = writeln!(
-        out,
-        "\nA cause is named from an evidence of {:.1}, which {} robots without a cause do not reach.",
-        found.least_evidence, found.null_robots
-    );
     out
 }
