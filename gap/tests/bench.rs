@@ -12,9 +12,14 @@ fn calibration() -> Calibration {
     Calibration::new(strongest, "test", "numbers").expect("enough")
 }
 
+/// Effect, key of its parameter, size.
+type Expected = Option<(&'static str, &'static str, f64)>;
+/// What is planted, in words and as parameters, and what is to be named.
+type Case = (&'static str, &'static [(P, f64)], Expected);
+
 #[test]
 fn what_was_planted_is_named_with_its_size() {
-    let cases: [(&str, &[(P, f64)], Option<(&str, &str, f64)>); 5] = [
+    let cases: [Case; 5] = [
         ("nothing", &[], None),
         (
             "late",
