@@ -193,6 +193,9 @@ impl Master {
                     let wants =
                         |motor: &Motor| motor.needs_settings() && motor.torque() == Some(false);
                     self.configure = core.motors.mask(wants);
+                    for motor in core.motors.iter_mut().filter(|motor| wants(motor)) {
+                        motor.note_unguarded();
+                    }
                 }
                 (self.watchdog(info, 0), Phase::WatchdogOn)
             }

@@ -436,6 +436,11 @@ impl Motor {
         self.present() && (self.configure || self.watchdog_tripped())
     }
 
+    /// The watchdog is cleared; that it is set again is not certain before the driver says so.
+    pub fn note_unguarded(&mut self) {
+        self.configure = true;
+    }
+
     /// The driver says that its watchdog is set.
     pub fn note_guarded(&mut self) {
         self.configure = false;

@@ -241,7 +241,7 @@ impl DriverHandler for Ideal {
                 }
                 self.torque = on;
             }
-            Register::BusWatchdog if self.forgets_watchdogs => {}
+            Register::BusWatchdog if self.forgets_watchdogs && value > 0 => {}
             Register::BusWatchdog => {
                 self.tripped = false;
                 self.watchdog_ns = (value > 0).then_some(value as u64 * WATCHDOG_NS);

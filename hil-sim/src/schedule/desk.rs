@@ -38,14 +38,14 @@ pub(crate) enum Fail {
 pub(crate) enum Note {
     /// A STOP was acknowledged.
     Stopped,
-    /// The end of a run was told.
-    Ended(RunEnd),
+    /// The end of a run was told, of a boot.
+    Ended(u32, RunEnd),
     /// A gait is on its way to a slot.
     Uploading(u8, Digest),
     /// The module said that a slot holds it.
     Stored(u8, Digest),
-    /// The record of this run is complete, says the module.
-    Drained(u16),
+    /// The record of this run of a boot is complete, says the module.
+    Drained(u32, u16),
     /// A run of this length in ms came to its end.
     Completed(RunEnd, u32),
 }
@@ -54,7 +54,7 @@ pub(crate) enum Note {
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Record {
     /// The module's boot; runs are counted anew in each.
-    boot: u32,
+    pub(crate) boot: u32,
     /// Number of the run.
     pub(crate) run: u16,
     /// Samples by index: time, set-points, flags.
@@ -166,7 +166,7 @@ impl Desk {
             FromModule::Sample(_) => {}
             FromModule::RunEnd(end) => {
                 self.ends.push(end);
-                self.notes.push(Note::Ended(end));
+                self.notes.push(Note::Ended(header.boot_id, end));
             }
             FromModule::SampleBlock(block) if !(answer && self.draining) => {
                 self.keep(header.boot_id, &block);
@@ -293,7 +293,8 @@ impl Hand {
                 return Err(Fail::Unexpected);
             };
             if block.count == 0 {
-                desk.notes.push(Note::Drained(block.run));
+                let boot = desk.client.boot_id();
+                desk.notes.push(Note::Drained(boot, block.run));
                 return Ok(());
             }
             let before = desk.record.samples.len();

@@ -22,8 +22,8 @@ const CYCLE_US: u64 = 50_000;
 pub(crate) const OFF_US: u64 = 53_000;
 /// Ramp and hold of a run that is stopped, us. At a rate of 6 1/s 0.25 rad are below 1 mrad after 0.92 s; a second
 /// of hold follows,
-/// and another one when a fault strikes in it.
-const REST_US: u64 = 3_200_000;
+/// and another one when a fault strikes in it. All begin and end on the grid of cycles.
+const REST_US: u64 = 3_250_000;
 /// Set-points leave within this time after a reading was asked for, us: half a cycle.
 const SAME_CYCLE_US: u64 = 25_000;
 /// A driver that gave no new measurement for three cycles gets no set-point, us; the reading of the fourth is over
@@ -125,7 +125,7 @@ pub(crate) struct Laws {
     /// Until when bus, task or drivers were disturbed, us.
     pub(crate) disturbed_us: u64,
     slots: [Slot; 8],
-    last_end: Option<RunEnd>,
+    last_end: Option<(u32, RunEnd)>,
     /// When each driver restarted, us.
     lost_us: [Option<u64>; JOINTS],
     /// Whether encoders jumped: the set-points of the record are then in a frame that nobody but the module knows.
@@ -266,7 +266,7 @@ impl Laws {
                     grant.runs_us = grant.runs_us.min(left_us);
                 }
             }
-            Note::Ended(end) => self.last_end = Some(*end),
+            Note::Ended(boot, end) => self.last_end = Some((*boot, *end)),
             Note::Uploading(slot, digest) => {
                 self.slots[usize::from(*slot)]
                     .possible
@@ -279,7 +279,7 @@ impl Laws {
                 // A host has one upload under way at a time.
                 slot.possible.retain(|(by, _)| *by != host);
             }
-            Note::Drained(run) => self.whole(*run, record, now_us),
+            Note::Drained(boot, run) => self.whole(*boot, *run, record, now_us),
             Note::Completed(end, duration_ms) => {
                 self.counts.completed += 1;
                 let want = duration_ms / 50;
@@ -292,9 +292,11 @@ impl Laws {
     }
 
     /// The record of a run whose end was told.
-    fn whole(&mut self, run: u16, record: &Record, now_us: u64) {
-        let end = self.last_end.filter(|end| end.run == run);
-        let Some(end) = end.filter(|_| record.run == run) else {
+    fn whole(&mut self, boot: u32, run: u16, record: &Record, now_us: u64) {
+        let end = self
+            .last_end
+            .filter(|(of, end)| (*of, end.run) == (boot, run));
+        let Some((_, end)) = end.filter(|_| (record.boot, record.run) == (boot, run)) else {
             return;
         };
         self.counts.records += 1;
@@ -406,6 +408,9 @@ impl Laws {
         if on && !self.authorised(at_us) {
             self.break_law(Law::Ordered, at_us, "torque on without an order".to_owned());
         }
+        if !on {
+            self.goals = [None; JOINTS];
+        }
         self.torque_asked = on;
     }
 
@@ -431,7 +436,7 @@ impl Laws {
             if joint >= JOINTS {
                 continue;
             }
-            let here = packet.at(joint, &self.goals);
+            let here = self.goals[joint].unwrap_or(packet.stood_urad[joint]);
             // Before torque each driver is sent where it stands, by a reading that may be of a moment ago.
             moving |= packet.torque[joint] || self.goals[joint].is_some();
             // The module cannot know yet, and a driver that has just restarted has no torque.
@@ -443,12 +448,15 @@ impl Laws {
                 self.break_law(Law::Reachable, at_us, what);
             }
             let heard = packet.heard_us[joint];
-            if heard.is_none_or(|heard| at_us - heard > STALE_US) {
+            let clear = at_us > self.disturbed_us + STALE_US;
+            if clear && heard.is_none_or(|heard| at_us - heard > STALE_US) {
                 let what = format!("joint {joint} gave its last measurement at {heard:?} us");
                 self.break_law(Law::Fresh, at_us, what);
             }
             next[joint] = Some(goal);
-            self.sent_goals.push((at_us, joint, goal));
+            if !lost {
+                self.sent_goals.push((at_us, joint, goal));
+            }
         }
         if moving && !blind {
             let to = self.pose(&next, packet);
@@ -460,7 +468,7 @@ impl Laws {
     /// Angles from the home pose, rad.
     fn pose(&self, goals: &[Option<i32>; JOINTS], packet: &Sent) -> [f64; JOINTS] {
         std::array::from_fn(|joint| {
-            let raw = packet.at(joint, goals);
+            let raw = goals[joint].unwrap_or(packet.stood_urad[joint]);
             f64::from(raw.saturating_sub(self.home_urad[joint])) * 1e-6
         })
     }

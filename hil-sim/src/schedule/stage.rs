@@ -555,7 +555,10 @@ impl<'a> Stage<'a> {
         if on {
             self.stop_us.get_or_insert(now_us);
         } else if !still && let Some(pressed_us) = self.stop_us.take() {
-            self.laws.stop_released(pressed_us, now_us);
+            // A task that stands still sees no input.
+            if now_us > self.watchdog_until_us {
+                self.laws.stop_released(pressed_us, now_us);
+            }
         }
     }
 }

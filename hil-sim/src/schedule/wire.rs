@@ -41,14 +41,6 @@ pub(crate) struct Sent {
     pub(crate) torque: [bool; 6],
 }
 
-impl Sent {
-    /// Where a driver was to be before this packet: at its set-point while it has torque, else where it stood.
-    pub(crate) fn at(&self, joint: usize, goals: &[Option<i32>; 6]) -> i32 {
-        let goal = goals[joint].filter(|_| self.torque[joint]);
-        goal.unwrap_or(self.stood_urad[joint])
-    }
-}
-
 /// Ideal motors on a bad wire.
 pub(crate) struct Watched {
     /// The drivers.

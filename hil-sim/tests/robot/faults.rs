@@ -462,6 +462,31 @@ fn no_driver_gets_torque_before_it_says_that_its_watchdog_is_set() {
     }
 }
 
+/// The watchdog of a driver that fell silent is cleared and set again. Where the second packet was lost, the driver counted as guarded.
+#[test]
+fn a_driver_that_comes_back_gets_no_torque_before_its_watchdog_is_set_again() {
+    let (mut robot, mut host, digest) = ready(0);
+    robot.motors().borrow_mut().trouble(2, Trouble::Missing);
+    robot.run_for(140_000);
+    robot.motors().borrow_mut().trouble(2, Trouble::None);
+    robot.motors().borrow_mut().forget_watchdogs(2, true);
+    for silent_us in [100_000, 170_000, 240_000, 500_000] {
+        robot.motors().borrow_mut().trouble(2, Trouble::Missing);
+        robot.run_for(silent_us);
+        robot.motors().borrow_mut().trouble(2, Trouble::None);
+        robot.run_for(200_000);
+        // Refused or not: no torque without a watchdog.
+        let _ = host.start(&mut robot, 0, digest, 1_000, TelemetryRate::Off);
+        for _ in 0..100 {
+            robot.run_for(5_000);
+            let motors = robot.motors().borrow();
+            assert!(!motors.torque(2) || motors.has_watchdog(2));
+        }
+        host.ask(&mut robot, &ToModule::Stop).expect("always");
+        robot.run_for(6_000_000);
+    }
+}
+
 /// A driver whose watchdog has tripped keeps its torque and goes on towards its last set-point once the watchdog is cleared.
 #[test]
 fn a_driver_that_comes_back_loses_torque_before_its_watchdog_is_cleared() {

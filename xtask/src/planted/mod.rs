@@ -125,8 +125,8 @@ fn cargo(copy: &Path, verb: &str, words: &[&str], rest: &[&str]) -> Result<bool>
         .args(words)
         .args(rest)
         .current_dir(copy)
-        // What comes from the registry is built once for both.
-        .env("CARGO_TARGET_DIR", sh::target_dir())
+        // In the same folder the two would overwrite each other's programs.
+        .env("CARGO_TARGET_DIR", sh::target_dir().join("planted/build"))
         .env("RUST_BACKTRACE", "0")
         .stdout(Stdio::null())
         .stderr(Stdio::null())
