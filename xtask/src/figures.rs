@@ -47,6 +47,10 @@ const TABLES: &[(&str, &str)] = &[
         "run --release -q -p hil-sim --example schedules -- --table 20",
     ),
     (
+        "Fuzzing: executions and coverage",
+        "xtask fuzz --seconds 60",
+    ),
+    (
         "Body simulator beside MuJoCo",
         "run --release -q -p host -- bench",
     ),

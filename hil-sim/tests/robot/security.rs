@@ -1,5 +1,7 @@
 //! Keys, proofs and media: who may move the robot.
 
+use std::collections::BTreeSet;
+
 use crate::common::{gait, ready_with};
 use firmware::crash::{BLOCK_BYTES, CrashKind, CrashRecord};
 use firmware::ports::ResetCause;
@@ -117,6 +119,46 @@ fn an_order_that_was_recorded_is_not_carried_out_again() {
     robot.link().write(&frame);
     robot.run_for(3_000_000);
     assert_eq!(robot.motors().borrow().taken(0).len(), before);
+}
+
+/// Every boot begins its counter of challenges anew, so what keeps them apart is the entropy of the boot.
+#[test]
+fn no_challenge_and_no_boot_id_comes_twice_over_power_cycles() {
+    const CYCLES: usize = 300;
+    let (mut robot, mut host, digest) = ready_with(setup(), 0);
+    let start = ToModule::Start {
+        slot: 0,
+        digest,
+        duration_ms: 500,
+        rate: TelemetryRate::Off,
+        countdown_ms: 0,
+        tag: Tag::NONE,
+    };
+    let old = host.frame(&start);
+    let (mut nonces, mut boots) = (BTreeSet::new(), BTreeSet::new());
+    for _ in 0..CYCLES {
+        robot.reset(ResetCause::PowerOn);
+        robot.run_for(50_000);
+        for _ in 0..3 {
+            // HELLO voids the open challenge.
+            let mut host = SimHost::new(robot.link());
+            let answer = host.hello(&mut robot).expect("powered");
+            let FromModule::Hello(hello) = answer else {
+                panic!("{answer:?}");
+            };
+            boots.insert(hello.boot_id);
+            let answer = host.ask(&mut robot, &ToModule::GetChallenge);
+            let Ok(FromModule::Challenge { nonce }) = answer else {
+                panic!("{answer:?}");
+            };
+            assert!(nonces.insert(nonce.0), "a challenge came twice");
+        }
+    }
+    assert_eq!((boots.len(), nonces.len()), (CYCLES, 3 * CYCLES));
+    // An order of the first boot is of no use in any later one.
+    robot.link().write(&old);
+    robot.run_for(3_000_000);
+    assert!((0..6).all(|joint| !robot.motors().borrow().is_driving(joint)));
 }
 
 #[test]
