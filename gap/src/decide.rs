@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::evidence::ensemble::Spreads;
+
 /// Family-wise share of robots without a cause that may be accused of one.
 pub const LEVEL: f64 = 0.01;
 
@@ -19,6 +21,9 @@ pub struct Calibration {
     /// What the best set leaves of each of them, ascending; empty where nothing was measured of it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub remainders: Vec<f64>,
+    /// What they differ by from the nominal model.
+    #[serde(default)]
+    pub spreads: Spreads,
 }
 
 /// Why a calibration cannot be used.
@@ -61,6 +66,7 @@ impl Calibration {
             source: source.into(),
             strongest,
             remainders: Vec::new(),
+            spreads: Spreads::default(),
         })
     }
 
@@ -83,6 +89,10 @@ impl Calibration {
             return Err(CalibrationError::Schema(read.schema));
         }
         let own = Self::new(read.strongest, &read.command, &read.source)?;
+        let own = Self {
+            spreads: read.spreads,
+            ..own
+        };
         Ok(own.with_remainders(read.remainders))
     }
 
@@ -114,6 +124,7 @@ impl Calibration {
             source: String::new(),
             strongest: vec![f64::MAX; LEAST],
             remainders: Vec::new(),
+            spreads: Spreads::default(),
         })
     }
 

@@ -70,7 +70,11 @@ use files::dataset::{Manifest, Recording, Role};
 use files::model::{Key, Model};
 use physics::{Params, ParamsError};
 
-use crate::decide::Calibration;
+use rayon::prelude::*;
+
+use crate::decide::{Calibration, CalibrationError};
+use crate::evidence::block::White;
+use crate::evidence::ensemble::Spreads;
 use crate::report::Subject;
 use crate::verdict::Verdict;
 use crate::vocabulary::Effect;
@@ -248,7 +252,7 @@ fn explained(
     manifest: &Manifest,
     recordings: &[Recording],
     model: &Model,
-    (withhold, least): (&[Effect], f64),
+    (withhold, least, spreads): (&[Effect], f64, &Spreads),
 ) -> Result<causes::Explained, WholeError> {
     let model = &manifest.stated(model);
     let params = Arc::new(Params::try_from(model)?);
@@ -269,6 +273,7 @@ fn explained(
         runs: &split.fit,
         withhold,
         least,
+        spreads,
     };
     Ok(causes::explain(&asked, tier.as_mut()))
 }
@@ -284,21 +289,77 @@ pub fn name_causes(
     withhold: &[Effect],
     calibration: &Calibration,
 ) -> Result<Causes, WholeError> {
-    let found = explained(manifest, recordings, model, (withhold, calibration.least()))?;
+    let found = explained(
+        manifest,
+        recordings,
+        model,
+        (withhold, calibration.least(), &calibration.spreads),
+    )?;
     Ok(found.rows(calibration))
 }
 
-/// Evidence of the strongest cause of a robot: of robots without one, what a calibration is made of.
+/// Blocks of a robot without a cause around its nominal model, each with its share of model error: what
+/// [`Spreads::learned`] learns from.
 ///
 /// # Errors
 /// As [`diagnose`].
-pub fn strongest_evidence(
+pub fn null_blocks(
     manifest: &Manifest,
     recordings: &[Recording],
     model: &Model,
-) -> Result<f64, WholeError> {
-    let found = explained(manifest, recordings, model, (&[], f64::INFINITY))?;
-    Ok(found.strongest())
+) -> Result<Vec<(White, f64)>, WholeError> {
+    let model = &manifest.stated(model);
+    let params = Arc::new(Params::try_from(model)?);
+    let data = Data::new(manifest, recordings, model);
+    let split = split(&data);
+    if split.fit.is_empty() {
+        return Err(WholeError::Nothing);
+    }
+    let mut conventions = conventions::find(&data);
+    let direct = direct::read(&data, &mut conventions, &[]);
+    let mut tier = body::Tier::new(&data, model, &params, &split.fit);
+    let asked = causes::Asked {
+        data: &data,
+        model,
+        params: &params,
+        conventions: &conventions,
+        direct: &direct,
+        runs: &split.fit,
+        withhold: &[],
+        least: f64::INFINITY,
+        spreads: &Spreads::default(),
+    };
+    Ok(asked.nominal_blocks(tier.as_mut()))
+}
+
+/// What robots without a cause, each by its [`null_blocks`], differ by, and how strong a cause they seem to have. The
+/// strongest evidence of each robot is that under what the other half of the robots differ by.
+///
+/// # Errors
+/// Too few robots.
+pub fn calibrated(
+    robots: &[Vec<(White, f64)>],
+    command: &str,
+    source: &str,
+) -> Result<Calibration, CalibrationError> {
+    let halves = [0, 1].map(|half| {
+        let own = |(i, r): (usize, &Vec<(White, f64)>)| (i % 2 != half).then(|| r.clone());
+        Spreads::learned(
+            &robots
+                .iter()
+                .enumerate()
+                .filter_map(own)
+                .collect::<Vec<_>>(),
+        )
+    });
+    let strongest = robots
+        .par_iter()
+        .enumerate()
+        .map(|(i, r)| causes::strongest(r, &halves[i % 2]))
+        .collect();
+    let mut out = Calibration::new(strongest, command, source)?;
+    out.spreads = Spreads::learned(robots);
+    Ok(out)
 }
 
 /// Diagnoses a whole robot.

@@ -251,21 +251,6 @@ pub struct Block {
     pub before: f64,
 }
 
-impl Block {
-    /// The same where `share` of the noise's standard deviation may be model error in any one direction. No number of rows
-    /// averages model error away: along a direction the errors have the variance `1 + rows share^2`. All that the block
-    /// says counts by so much less.
-    #[must_use]
-    pub fn with_model_error(mut self, share: f64) -> Self {
-        let by = 1.0 / (1.0 + self.rows * share * share);
-        self.gram.iter_mut().for_each(|x| *x *= by);
-        self.moment.iter_mut().for_each(|x| *x *= by);
-        self.square *= by;
-        self.columns.iter_mut().for_each(|c| c.cost *= by);
-        self
-    }
-}
-
 /// Weighted products of all columns, the errors being the last one.
 pub(super) fn products(segments: &[Segment], columns: usize) -> Vec<f64> {
     let n = columns + 1;
@@ -329,8 +314,25 @@ fn eliminate(all: &mut [f64], n: usize, slack: &[f64]) {
     }
 }
 
-impl Block {
-    /// Whitens `raw` by an autoregression of order `order` and takes its nuisances out.
+/// A whitened block with its nuisances.
+#[derive(Debug, Clone, PartialEq)]
+pub struct White {
+    /// Where it was cut.
+    pub site: Site,
+    /// Its columns.
+    pub columns: Vec<Column>,
+    /// Rows that count.
+    pub rows: f64,
+    /// Products of columns and, last, of the errors: row-major.
+    pub products: Vec<f64>,
+    /// Standard deviation of one-step prediction errors, in the unit of the signal.
+    pub noise: f64,
+    /// Root mean square of the errors before whitening, in the unit of the signal.
+    pub before: f64,
+}
+
+impl White {
+    /// Whitens `raw` by an autoregression of order `order`.
     #[must_use]
     pub fn new(raw: Raw, order: usize) -> Self {
         let before = root_mean_square(&raw.segments);
@@ -346,26 +348,58 @@ impl Block {
         segments: &[Segment],
         [noise, before]: [f64; 2],
     ) -> Self {
-        let c = columns.len();
-        let n = c + 1;
-        let mut all = products(segments, c);
-        let slack: Vec<f64> = columns.iter().map(|c| c.slack).collect();
-        eliminate(&mut all, n, &slack);
-        let gram = (0..c)
-            .flat_map(|a| all[a * n..a * n + c].to_vec())
-            .collect();
         Self {
             site,
             rows: segments.iter().flat_map(|s| &s.weight).sum(),
-            gram,
-            moment: (0..c).map(|a| all[a * n + c]).collect(),
-            square: all[n * n - 1],
+            products: products(segments, columns.len()),
             columns,
             noise,
             before,
         }
     }
 
+    /// Where `share` of the noise's standard deviation may be model error in any one direction, which no number of
+    /// rows averages away: along a direction the errors then have the variance `1 + rows share^2`, and all that the
+    /// block says counts by so much less.
+    #[must_use]
+    pub fn tempering(&self, share: f64) -> f64 {
+        1.0 / (1.0 + self.rows * share * share)
+    }
+
+    /// The block without its nuisances: columns have the standard deviation `slack` where no cause is; products count
+    /// by the share `by`.
+    #[must_use]
+    pub fn without_nuisances(&self, slack: &[f64], by: f64) -> Block {
+        let c = self.columns.len();
+        let n = c + 1;
+        let mut all: Vec<f64> = self.products.iter().map(|x| x * by).collect();
+        eliminate(&mut all, n, slack);
+        let mut columns = self.columns.clone();
+        columns.iter_mut().for_each(|c| c.cost *= by);
+        let gram = (0..c)
+            .flat_map(|a| all[a * n..a * n + c].to_vec())
+            .collect();
+        Block {
+            site: self.site,
+            rows: self.rows,
+            gram,
+            moment: (0..c).map(|a| all[a * n + c]).collect(),
+            square: all[n * n - 1],
+            columns,
+            noise: self.noise,
+            before: self.before,
+        }
+    }
+
+    /// The block without the nuisances that its columns name themselves.
+    #[must_use]
+    pub fn plain(&self) -> Block {
+        let slack: Vec<f64> = self.columns.iter().map(|c| c.slack).collect();
+        self.without_nuisances(&slack, 1.0)
+    }
+}
+
+impl Block {
     /// Product of two columns.
     #[must_use]
     pub fn product(&self, a: usize, b: usize) -> f64 {
@@ -407,7 +441,7 @@ mod tests {
             joint: None,
         };
         let columns = vec![column(1e6), column(0.0)];
-        let block = Block::whitened(site, columns, &[segment], [1.0, 1.0]);
+        let block = White::whitened(site, columns, &[segment], [1.0, 1.0]).plain();
         // Only the second row is left: errors 4, second column 1.
         assert!((block.square - 16.0).abs() < 1e-4, "{}", block.square);
         assert!((block.product(1, 1) - 1.0).abs() < 1e-4);

@@ -1,6 +1,7 @@
 //! Causes: an effect with a scope, as a Gaussian prior over coefficients.
 
 use super::block::{Block, Meaning, Owner};
+use super::ensemble::Spreads;
 use crate::vocabulary::Effect;
 
 /// Who has a cause.
@@ -226,23 +227,24 @@ fn shared(
 }
 
 /// What blocks share whatever the causes: one coefficient per key of the columns that are the robot's, with their
-/// slack.
+/// slack: what the model states, and what robots without a cause show.
 #[must_use]
-pub fn shared_slack(blocks: &[Block]) -> Vec<Cause> {
-    let mut keys: Vec<(&'static str, f64, Entries)> = Vec::new();
+pub fn shared_slack(blocks: &[Block], spreads: &Spreads) -> Vec<Cause> {
+    let mut keys: Vec<(String, f64, Entries)> = Vec::new();
     for (b, block) in blocks.iter().enumerate() {
         for (c, column) in block.columns.iter().enumerate() {
-            if column.shared_slack <= 0.0 {
-                continue;
-            }
-            let key = column.slack_key;
-            match keys.iter_mut().find(|k| k.0 == key) {
-                Some(own) => own.2.push((b, c, column.shared_slack)),
-                None => keys.push((key, column.shared_slack, vec![(b, c, column.shared_slack)])),
+            let stated = (column.shared_slack > 0.0)
+                .then(|| (column.slack_key.to_owned(), column.shared_slack));
+            let learned = spreads.alike(&block.site, column);
+            for (key, spread) in stated.into_iter().chain(learned) {
+                match keys.iter_mut().find(|k| k.0 == key) {
+                    Some(own) => own.2.push((b, c, spread)),
+                    None => keys.push((key, spread, vec![(b, c, spread)])),
+                }
             }
         }
     }
-    let one = |(_, _, entries): (&'static str, f64, Entries)| Cause {
+    let one = |(_, _, entries): (String, f64, Entries)| Cause {
         effect: None,
         scope: Scope::Robot,
         joints: Vec::new(),

@@ -8,6 +8,7 @@
 
 pub mod block;
 pub mod cause;
+pub mod ensemble;
 pub mod linear;
 pub mod noise;
 pub mod search;

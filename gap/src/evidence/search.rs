@@ -365,7 +365,7 @@ fn sign(l: &[f64], n: usize, moments: &[f64], at: usize, cause: &Cause) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evidence::block::{Column, Segment, Site};
+    use crate::evidence::block::{Column, Segment, Site, White};
     use crate::evidence::cause::{Group, Scope, causes};
     use crate::math::Rng;
     use crate::vocabulary::{Effect, Stage};
@@ -392,7 +392,7 @@ mod tests {
             Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 1.0).at_least_neutral(),
             Column::linear(Effect::ViscousFriction, "nm_s_rad", 0.0, 1.0).at_least_neutral(),
         ];
-        Block::whitened(site, columns, &[segment], [1.0, 1.0])
+        White::whitened(site, columns, &[segment], [1.0, 1.0]).plain()
     }
 
     fn groups() -> Vec<Group> {

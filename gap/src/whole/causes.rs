@@ -10,15 +10,16 @@ use files::model::{Key, Model};
 use physics::Params;
 use rayon::prelude::*;
 
-use super::blocks::{body as body_block, position, torque};
+use super::blocks::{body as body_block, position, torque, transmission};
 use super::body;
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Run, Track};
 use super::direct::Reading;
 use super::nominal::{Nominal, inter, nominal};
 use super::windows::{LinkMap, PERIOD_S};
-use crate::evidence::block::{Block, Column, Meaning};
+use crate::evidence::block::{Block, Column, Meaning, White};
 use crate::evidence::cause::{Cause, Group, Scope, causes, shared_slack};
+use crate::evidence::ensemble::Spreads;
 use crate::evidence::search::{Found, Problem};
 use crate::vocabulary::{Effect, Stage};
 use loads::Loads;
@@ -87,6 +88,8 @@ pub(super) struct Asked<'a> {
     pub(super) withhold: &'a [Effect],
     /// Evidence that a cause must add.
     pub(super) least: f64,
+    /// What robots without a cause differ by.
+    pub(super) spreads: &'a Spreads,
 }
 
 impl Asked<'_> {
@@ -114,7 +117,7 @@ impl Asked<'_> {
         )
     }
 
-    fn position(&self, k: usize, loads: &Loads, start: &[(usize, f64)]) -> Option<Block> {
+    fn position(&self, k: usize, loads: &Loads, start: &[(usize, f64)]) -> Option<White> {
         let c = self.conventions;
         let servo = nominal(self.model, k);
         let echo = &c.echo[c.order[k]];
@@ -156,13 +159,10 @@ impl Asked<'_> {
             echoed: echo.late_s.is_some() || applied,
             row_s: inputs.first().map_or(0.02, |i| i.position.period_s()),
         };
-        Some(
-            Block::new(position::raw(k, &inputs, &known, start)?, ORDER)
-                .with_model_error(MODEL_ERROR[0]),
-        )
+        Some(White::new(position::raw(k, &inputs, &known, start)?, ORDER))
     }
 
-    fn torque(&self, k: usize, loads: &Loads) -> Option<Block> {
+    fn torque(&self, k: usize, loads: &Loads) -> Option<White> {
         let servo = nominal(self.model, k);
         let tracked = self.data.runs.iter().any(|r| r.base.is_some());
         let mass = Column::linear(Effect::Mass, "ratio", 1.0, 0.4)
@@ -197,23 +197,34 @@ impl Asked<'_> {
                 })
             })
             .collect();
-        Some(
-            Block::new(torque::raw(k, &inputs, &known)?, ORDER).with_model_error(if tracked {
-                MODEL_ERROR[1]
-            } else {
-                UNTRACKED
-            }),
-        )
+        Some(White::new(torque::raw(k, &inputs, &known)?, ORDER))
     }
 
-    fn readings(&self) -> Vec<Block> {
+    fn transmission(&self, k: usize, loads: &Loads) -> Option<White> {
+        let inputs: Vec<transmission::Input<'_>> = self
+            .runs
+            .iter()
+            .filter_map(|r| {
+                let joint = &self.data.runs[*r].joints[k];
+                Some(transmission::Input {
+                    position: joint.position.as_ref()?,
+                    link: joint.link.as_ref()?,
+                    load_nm: &loads.makes[0][*r][k],
+                    load_step_s: PERIOD_S,
+                })
+            })
+            .collect();
+        Some(White::new(transmission::raw(k, &inputs)?, ORDER))
+    }
+
+    fn readings(&self) -> Vec<White> {
         let neutral = |key: &str| match key {
             "ratio" => 1.0,
             "value_v" => self.model.value(Key::SupplyVoltage),
             _ => 0.0,
         };
         let read = |r: &Reading| reading(r, neutral(r.key));
-        let mut out: Vec<Block> = self.direct.iter().map(read).collect();
+        let mut out: Vec<White> = self.direct.iter().map(read).collect();
         for k in 0..JOINTS {
             let servo = nominal(self.model, k);
             let (_, plateau) = self.limit_nm(k, &servo);
@@ -244,22 +255,73 @@ impl Asked<'_> {
         out
     }
 
+    /// Share of a block's noise that may be model error in any one direction.
+    fn model_error(&self, block: &White) -> f64 {
+        match block.site.stage {
+            _ if block.columns.len() == 1 => 0.0,
+            Stage::Driver => MODEL_ERROR[0],
+            Stage::Transmission => MODEL_ERROR[1],
+            Stage::Body => MODEL_ERROR[2],
+            _ if self.data.runs.iter().any(|r| r.base.is_some()) => MODEL_ERROR[1],
+            _ => UNTRACKED,
+        }
+    }
+
+    /// The blocks of a robot around its nominal model, each with its share of model error.
+    pub(super) fn nominal_blocks(&self, tier: Option<&mut body::Tier>) -> Vec<(White, f64)> {
+        let neutral: Vec<f64> = super::body_library::coordinates(self.model)
+            .iter()
+            .map(|c| c.neutral)
+            .collect();
+        let moves = body_block::moves(self.model, tier.as_ref().is_some_and(|t| t.link_measured));
+        let starts = Starts::default();
+        let (loads, body) = self.world(tier, &moves, &neutral, &starts);
+        let whites = self.blocks(&loads, body, &starts.joints);
+        let one = |w: White| {
+            let share = self.model_error(&w);
+            (w, share)
+        };
+        whites.into_iter().map(one).collect()
+    }
+
+    /// Loads of the joints and block of the base around `starts`.
+    fn world(
+        &self,
+        tier: Option<&mut body::Tier>,
+        moves: &[body_block::Move],
+        neutral: &[f64],
+        starts: &Starts,
+    ) -> (Loads, Option<White>) {
+        let theta = body_block::placed(moves, neutral, &starts.body);
+        let Some(tier) = tier else {
+            let plain = [LinkMap::default(); JOINTS];
+            return (Loads::new(self.data, self.params, &plain), None);
+        };
+        tier.among(&theta);
+        let params = Arc::new(tier.params(&theta));
+        let loads = Loads::new(self.data, &params, &tier.links(&theta));
+        let loads = loads.with_body(self.data, tier, moves, &theta, &starts.body);
+        let block = body_block::block(tier, moves, neutral, &starts.body);
+        (loads, Some(block))
+    }
+
     /// All blocks around `theta` of the body.
     fn blocks(
         &self,
         loads: &Loads,
-        body: Option<Block>,
+        body: Option<White>,
         starts: &[Vec<(usize, f64)>],
-    ) -> Vec<Block> {
-        let mut out: Vec<Block> = (0..JOINTS)
+    ) -> Vec<White> {
+        let mut out: Vec<White> = (0..JOINTS)
             .into_par_iter()
             .filter_map(|k| self.position(k, loads, &starts[k]))
             .collect();
-        let torques: Vec<Block> = (0..JOINTS)
+        let torques: Vec<White> = (0..JOINTS)
             .into_par_iter()
             .filter_map(|k| self.torque(k, loads))
             .collect();
         out.extend(torques);
+        out.extend((0..JOINTS).filter_map(|k| self.transmission(k, loads)));
         out.extend(body);
         out.extend(self.readings());
         out
@@ -274,6 +336,22 @@ pub(super) struct Explained {
     pub(super) found: Found,
 }
 
+/// Evidence of the strongest cause that the `blocks` of a robot show.
+pub(super) fn strongest(blocks: &[(White, f64)], spreads: &Spreads) -> f64 {
+    let blocks: Vec<Block> = blocks
+        .iter()
+        .map(|(w, share)| spreads.taken_from(w, *share))
+        .collect();
+    let all = causes(&blocks, &groups(), &[]);
+    let problem = Problem {
+        blocks: &blocks,
+        causes: &all,
+        always: &shared_slack(&blocks, spreads),
+    };
+    let found = problem.search(f64::INFINITY, 1);
+    found.next.map_or(f64::NEG_INFINITY, |n| n.1)
+}
+
 /// Searches the causes.
 pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Explained {
     let neutral: Vec<f64> = super::body_library::coordinates(asked.model)
@@ -281,34 +359,25 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Expla
         .map(|c| c.neutral)
         .collect();
     let moves = body_block::moves(asked.model, tier.as_ref().is_some_and(|t| t.link_measured));
-    let plain = [LinkMap::default(); JOINTS];
     let mut starts = Starts::default();
     let mut out: Option<Explained> = None;
     let mut tier = tier;
     let mut world: Option<World> = None;
     for _ in 0..PASSES {
         if world.as_ref().is_none_or(|w| w.0 != starts.body) {
-            let theta = body_block::placed(&moves, &neutral, &starts.body);
-            let (params, maps) = match tier.as_ref() {
-                Some(tier) => (Arc::new(tier.params(&theta)), tier.links(&theta)),
-                None => (Arc::clone(asked.params), plain),
-            };
-            let mut loads = Loads::new(asked.data, &params, &maps);
-            let mut body = None;
-            if let Some(tier) = tier.as_mut() {
-                tier.among(&theta);
-                loads = loads.with_body(asked.data, tier, &moves, &theta, &starts.body);
-                let block = body_block::block(tier, &moves, &neutral, &starts.body);
-                body = Some(block.with_model_error(MODEL_ERROR[2]));
-            }
+            let (loads, body) = asked.world(tier.as_deref_mut(), &moves, &neutral, &starts);
             world = Some((starts.body.clone(), loads, body));
         }
         let Some((_, loads, body)) = &world else {
             break;
         };
-        let blocks = asked.blocks(loads, body.clone(), &starts.joints);
+        let whites = asked.blocks(loads, body.clone(), &starts.joints);
+        let blocks: Vec<Block> = whites
+            .iter()
+            .map(|w| asked.spreads.taken_from(w, asked.model_error(w)))
+            .collect();
         let all = causes(&blocks, &groups(), asked.withhold);
-        let always = shared_slack(&blocks);
+        let always = shared_slack(&blocks, asked.spreads);
         let problem = Problem {
             blocks: &blocks,
             causes: &all,
@@ -333,7 +402,7 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Expla
 }
 
 /// The coefficients that body and loads were played with, and what they gave.
-type World = (Vec<(usize, f64)>, Loads, Option<Block>);
+type World = (Vec<(usize, f64)>, Loads, Option<White>);
 
 /// Effect, joints and fixed parameters of a cause.
 type Name = (Option<Effect>, Vec<usize>, Vec<(&'static str, f64)>);

@@ -1,7 +1,7 @@
 //! The base given the joints: poses of short windows, restarted from the measured state and led along the measured
 //! angles.
 
-use crate::evidence::block::{Block, Column, Segment, Site};
+use crate::evidence::block::{Column, Segment, Site, White};
 use crate::vocabulary::{Effect, Stage};
 use files::model::{Key, Model};
 use rayon::prelude::*;
@@ -219,7 +219,7 @@ pub(in crate::whole) fn block(
     moves: &[Move],
     neutral: &[f64],
     start: &[(usize, f64)],
-) -> Block {
+) -> White {
     let theta = &placed(moves, neutral, start);
     let here = tier.whitened(theta);
     let roots: Vec<f64> = here
@@ -267,5 +267,5 @@ pub(in crate::whole) fn block(
         joint: None,
     };
     let columns = moves.iter().map(|m| m.column.clone()).collect();
-    Block::whitened(site, columns, &[segment], [1.0, before])
+    White::whitened(site, columns, &[segment], [1.0, before])
 }

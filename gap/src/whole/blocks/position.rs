@@ -4,16 +4,18 @@
 //! What is measured of the joint stands on one side only. With the measured angle in the loop its noise would be a
 //! regressor, and a late encoder would explain the noise (seen: 100 times the evidence of any planted cause).
 
+mod lost;
+mod servo;
+mod shapes;
+
 use crate::evidence::block::{Column, Raw, Segment, Site};
 use crate::vocabulary::{Effect, Stage};
 
 use super::super::data::Track;
 use super::super::nominal::Nominal;
-
-/// Step of the integrals, s: the drivers' own is 1 ms, the recordings' 5 to 50 ms.
-const STEP_S: f64 = 0.002;
-/// Least length of a prediction, s.
-const HORIZON_S: f64 = 0.04;
+use lost::Lost;
+use servo::{Grid, Law};
+use shapes::{Change, Shape, shape, shapes};
 
 /// What two simulators of one servo differ by from one angle to the next: rad, and share of the angle's spread. The
 /// old servo of the diagnosis and the emulated driver of `hil-sim`, both at their own steps, differ by 0.2 mrad on
@@ -21,19 +23,6 @@ const HORIZON_S: f64 = 0.04;
 const LEAST_RAD: f64 = 1.0e-4;
 const SHARE: f64 = 5.0e-4;
 
-/// Delays that are played, s; a factor of 1.4 apart where delays of real buses lie.
-const DELAYS_S: [f64; 10] = [
-    0.006, 0.01, 0.015, 0.022, 0.032, 0.045, 0.065, 0.095, 0.14, 0.2,
-];
-/// Time constants that are played, s.
-const LAGS_S: [f64; 8] = [0.008, 0.014, 0.024, 0.04, 0.065, 0.11, 0.18, 0.3];
-/// Half widths of dead bands that are played, rad.
-const BANDS_RAD: [f64; 9] = [0.002, 0.0035, 0.006, 0.01, 0.017, 0.03, 0.05, 0.08, 0.13];
-/// Speed limits that are played, rad/s; a factor of 1.2 apart.
-const SPEEDS_RAD_S: [f64; 21] = [
-    0.06, 0.072, 0.086, 0.104, 0.124, 0.149, 0.179, 0.215, 0.258, 0.31, 0.37, 0.45, 0.53, 0.64,
-    0.77, 0.92, 1.11, 1.33, 1.6, 1.92, 2.3,
-];
 /// Steps of coarse set-points that are played, rad: 4 % apart, because steps of another size fall out of time after
 /// a few.
 const COARSEST_RAD: f64 = 0.25;
@@ -71,376 +60,8 @@ pub(in crate::whole) struct Known {
     pub(in crate::whole) row_s: f64,
 }
 
-/// A run on the grid of the simulation.
-struct Grid {
-    /// Encoder and load.
-    q: Vec<f64>,
-    load: Vec<f64>,
-    /// Whether the motor is at its limit.
-    limited: Vec<bool>,
-    /// Steps between compared angles.
-    stride: usize,
-    /// Set-points as steps in time.
-    command: Track,
-    from_s: f64,
-}
-
-/// The servo: `v = clamp(P (c - q))` with what may be different about it. Neutral values are those of the nominal
-/// model.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Law {
-    gain: f64,
-    most: f64,
-    /// Gain and speed limit as shares of these.
-    ratio: f64,
-    share: f64,
-    offset: f64,
-    scale: f64,
-    delay_s: f64,
-    clock: f64,
-    step: f64,
-    soft_band: f64,
-    hard_band: f64,
-    feedback_delay_s: f64,
-    lag_s: f64,
-    droop: f64,
-    /// Drift of the zero, rad/s.
-    drift: f64,
-    /// Gain for positive errors over that for negative ones, less one.
-    lopsided: f64,
-}
-
-impl Law {
-    fn error(&self, c: f64, q: f64) -> f64 {
-        let mut e = c * self.scale + self.offset - q;
-        if e.abs() < self.hard_band {
-            e = 0.0;
-        }
-        e.signum() * (e.abs() - self.soft_band).max(0.0)
-    }
-}
-
-impl Grid {
-    fn new(input: &Input<'_>) -> Option<Self> {
-        let q = input.position;
-        let period = q.period_s();
-        let stride = ((HORIZON_S.max(period)) / STEP_S).round() as usize;
-        let from_s = q.t_s[0];
-        let end_s = q.t_s[q.t_s.len() - 1];
-        let n = ((end_s - from_s) / STEP_S) as usize;
-        if n < 100 * stride {
-            return None;
-        }
-        let at = |i: usize| from_s + i as f64 * STEP_S;
-        let load = |i: usize| {
-            let place = (at(i) / input.load_step_s) as usize;
-            input.load_nm.get(place).copied().unwrap_or(0.0)
-        };
-        let limited = |i: usize| {
-            let full = |(limit, effort): (f64, &Track)| effort.at(at(i)).abs() > limit;
-            input.limit.is_some_and(full)
-        };
-        Some(Self {
-            q: (0..n).map(|i| q.at(at(i))).collect(),
-            load: (0..n).map(load).collect(),
-            limited: (0..n).map(limited).collect(),
-            stride,
-            command: input.command.clone(),
-            from_s,
-        })
-    }
-
-    /// Angles at the compared instants.
-    fn compared(&self, q: &[f64]) -> Vec<f64> {
-        q.iter().step_by(self.stride).copied().collect()
-    }
-
-    /// Angle under a law, from the measured start; the loop is stable, so that a wrong start is forgotten.
-    fn simulated(&self, law: &Law) -> Vec<f64> {
-        let h = STEP_S;
-        let blend = if law.lag_s > 0.0 {
-            1.0 - libm::exp(-h / law.lag_s)
-        } else {
-            1.0
-        };
-        let back = (law.feedback_delay_s / h).round() as usize;
-        let (times, values) = (&self.command.t_s, &self.command.v);
-        let mut cursor = 0;
-        let mut out = Vec::with_capacity(self.q.len());
-        let (gain, most) = (law.gain * law.ratio, law.most * law.share);
-        let (mut q, mut v) = (self.q[0], 0.0);
-        for i in 0..self.q.len() {
-            let t = (self.from_s + i as f64 * h) * law.clock - law.delay_s;
-            while cursor + 1 < times.len() && times[cursor + 1] <= t {
-                cursor += 1;
-            }
-            let mut c = values[cursor];
-            if law.step > 0.0 {
-                c = (c / law.step).round() * law.step;
-            }
-            out.push(q);
-            let seen = out[i.saturating_sub(back)];
-            // Half a step of the loop's own answer makes the explicit law second order.
-            let error = law.error(c + law.drift * i as f64 * h, seen);
-            let side = if error > 0.0 { 1.0 + law.lopsided } else { 1.0 };
-            let wanted = side * gain * error / (1.0 + 0.5 * gain * h);
-            v += blend * (wanted.clamp(-most, most) - v);
-            q += h * (v - law.droop * self.load[i]);
-        }
-        out
-    }
-
-    /// Weight of each compared angle: none at the start, at the motor's limit and while a joint comes back from there.
-    fn weights(&self) -> Vec<f64> {
-        const AFTER: usize = (0.5 / STEP_S) as usize;
-        let mut left = AFTER;
-        let free: Vec<bool> = self
-            .limited
-            .iter()
-            .map(|l| {
-                left = if *l { AFTER } else { left.saturating_sub(1) };
-                left == 0
-            })
-            .collect();
-        let one = |f: &bool| f64::from(u8::from(*f));
-        free.iter().step_by(self.stride).map(one).collect()
-    }
-}
-
-/// Shares of lost set-points between which a loss is tried: one in a hundred is a damaged frame now and then.
-const LEAST_LOST: f64 = 0.005;
-const MOST_LOST: f64 = 0.5;
-/// Logarithm of the likelihood ratio from which a set-point counts as lost: one of 240 in a run by chance at 3.
-const LOST: f64 = 6.0;
-/// Time after a set-point in which its loss shows, s.
-const SHOWS_S: f64 = 0.3;
-
-impl Grid {
-    /// What the set-points that were lost change at the compared angles, how many they are, and of how many.
-    fn lost(&self, law: &Law) -> (Vec<f64>, f64, f64) {
-        let plain = self.simulated(law);
-        let left: Vec<f64> = self.q.iter().zip(&plain).map(|(q, p)| q - p).collect();
-        let mut jumps: Vec<f64> = left
-            .windows(self.stride + 1)
-            .map(|w| (w[self.stride] - w[0]).abs())
-            .collect();
-        jumps.sort_by(f64::total_cmp);
-        // Median absolute deviation of the change of the errors, as that of a normal distribution.
-        let noise = jumps.get(jumps.len() / 2).map_or(0.0, |m| m / 0.6745) + LEAST_RAD;
-        let gain = law.gain * law.ratio;
-        let span = (SHOWS_S / STEP_S) as usize;
-        let mut out = vec![0.0; self.q.len()];
-        let (mut missed, mut sent) = (0.0, 0.0);
-        let events: Vec<(f64, f64)> = self
-            .command
-            .t_s
-            .iter()
-            .copied()
-            .zip(self.command.v.iter().copied())
-            .collect();
-        for e in events.windows(3) {
-            let [before, now, next] = [e[0], e[1], e[2]];
-            let late = next.0 - now.0;
-            let from = (((now.0 + law.delay_s - self.from_s) / STEP_S).max(0.0)) as usize;
-            sent += 1.0;
-            // The angle stays behind while the set-point is missing, and comes back with the loop's rate.
-            let jump = (before.1 - now.1) * law.scale;
-            let shape = |i: usize| {
-                let t = i as f64 * STEP_S;
-                let held = libm::exp(-gain * (t - late).max(0.0));
-                jump * (1.0 - libm::exp(-gain * t.min(late))) * held
-            };
-            let end = (from + span).min(self.q.len());
-            if end <= from || jump.abs() < noise {
-                continue;
-            }
-            let rows = (from..end).step_by(self.stride);
-            let level = left[from.min(left.len() - 1)];
-            let score: f64 = rows
-                .map(|i| {
-                    let u = shape(i - from);
-                    ((left[i] - level) * u - 0.5 * u * u) / (noise * noise)
-                })
-                .sum();
-            if score > LOST {
-                missed += 1.0;
-                for (i, slot) in out[from..end].iter_mut().enumerate() {
-                    *slot += shape(i);
-                }
-            }
-        }
-        (self.compared(&out), missed, sent)
-    }
-}
-
 fn less(a: &[f64], b: &[f64]) -> Vec<f64> {
     a.iter().zip(b).map(|(a, b)| a - b).collect()
-}
-
-/// What a column changes about the servo; the coefficient of a played shape is the share of its size.
-#[derive(Debug, Clone, Copy)]
-enum Change {
-    Offset,
-    Scale,
-    Gain(f64),
-    Droop,
-    Delay(f64),
-    Clock,
-    Step(f64),
-    SoftBand(f64),
-    HardBand(f64),
-    FeedbackDelay(f64),
-    Lag(f64),
-    /// Speed limit, as a share of the nominal one that is lost.
-    Limit(f64),
-    Drift,
-    Lopsided,
-}
-
-impl Change {
-    /// The law with `by` of the change.
-    fn on(self, mut law: Law, by: f64) -> Law {
-        match self {
-            Self::Offset => law.offset += by,
-            Self::Scale => law.scale += by,
-            Self::Gain(size) => law.ratio = (law.ratio + size * by).max(0.05),
-            Self::Droop => law.droop += by,
-            Self::Delay(size) => law.delay_s += size * by,
-            Self::Clock => law.clock += by,
-            Self::Step(size) => law.step = (law.step + size * by).max(0.0),
-            Self::SoftBand(size) => law.soft_band = (law.soft_band + size * by).max(0.0),
-            Self::HardBand(size) => law.hard_band = (law.hard_band + size * by).max(0.0),
-            Self::FeedbackDelay(size) => {
-                law.feedback_delay_s = (law.feedback_delay_s + size * by).max(0.0);
-            }
-            Self::Lag(size) => law.lag_s = (law.lag_s + size * by).max(0.0),
-            Self::Drift => law.drift += by,
-            Self::Lopsided => law.lopsided += by,
-            Self::Limit(size) => law.share = (law.share - size * by).max(0.01),
-        }
-        law
-    }
-}
-
-/// A column and what it changes; `step` is the coefficient that is played where the column is not in the law yet.
-struct Shape {
-    column: Column,
-    change: Change,
-    step: f64,
-}
-
-fn shape(column: Column, change: Change, step: f64) -> Shape {
-    Shape {
-        column,
-        change,
-        step,
-    }
-}
-
-fn shapes(known: &Known) -> Vec<Shape> {
-    let mut out = conventions(known);
-    transport(known, &mut out);
-    driver(known, &mut out);
-    out
-}
-
-fn conventions(known: &Known) -> Vec<Shape> {
-    let tolerance = known.nominal.gain_tolerance.max(0.01);
-    let speed = known.speed_tolerance.max(0.01);
-    let mut out = vec![
-        shape(
-            Column::linear(Effect::JointOffset, "offset_rad", 0.0, 0.1).with_slack(0.001),
-            Change::Offset,
-            0.01,
-        ),
-        shape(
-            Column::linear(Effect::JointScale, "ratio", 1.0, 0.15).with_slack(0.002),
-            Change::Scale,
-            0.01,
-        ),
-        shape(
-            Column::linear(Effect::LoopGain, "ratio", 1.0, 0.5).with_slack(tolerance),
-            Change::Gain(1.0),
-            0.05,
-        ),
-        // Which of its own ticks a driver answers in, and when a row is taken.
-        shape(
-            Column::nuisance(0.5 * known.row_s.max(0.004)),
-            Change::FeedbackDelay(1.0),
-            0.01,
-        ),
-        // Speed lost per torque: a servo of another engine is not infinitely stiff.
-        shape(Column::nuisance(0.03), Change::Droop, 0.01),
-    ];
-    for (i, size) in [-0.6, -0.4, -0.2, 0.3, 0.7, 1.5].into_iter().enumerate() {
-        let ratio = Column::played(Effect::LoopGain, "ratio", 1.0, 1.0 + size, 1 + i);
-        out.push(shape(ratio, Change::Gain(size), 1.0));
-    }
-    // Within its tolerances a speed limit is no effect.
-    for tolerances in [-1.0, 1.0, 2.0] {
-        let size = tolerances * speed;
-        out.push(shape(Column::nuisance(1.0), Change::Limit(size), 1.0));
-    }
-    out
-}
-
-fn transport(known: &Known, out: &mut Vec<Shape>) {
-    // A set-point acts at some time between two rows.
-    let slack = 0.6 * known.row_s.max(0.002);
-    out.push(shape(Column::nuisance(slack), Change::Delay(1.0), 0.004));
-    if known.applied {
-        return;
-    }
-    let delays: Vec<f64> = match known.late_s {
-        None => DELAYS_S.to_vec(),
-        Some([low, high]) if high > 0.0 => vec![0.5 * (low + high)],
-        Some(_) => Vec::new(),
-    };
-    for (i, d) in delays.into_iter().enumerate() {
-        let column = Column::played(Effect::Latency, "delay_s", 0.0, d, i);
-        out.push(shape(column, Change::Delay(d), 1.0));
-    }
-    if !known.echoed {
-        let column = Column::linear(Effect::ClockSkew, "ratio", 1.0, 0.005);
-        let column = column.with_slack(5e-5).of_robot();
-        out.push(shape(column, Change::Clock, 0.002));
-    }
-}
-
-fn driver(known: &Known, out: &mut Vec<Shape>) {
-    for (i, w) in BANDS_RAD.into_iter().enumerate() {
-        let column = |s| Column::played(Effect::Deadband, "half_width_rad", 0.0, w, s);
-        out.push(shape(column(2 * i), Change::SoftBand(w), 1.0));
-        out.push(shape(column(2 * i + 1), Change::HardBand(w), 1.0));
-    }
-    for (i, d) in DELAYS_S.into_iter().enumerate().take(8) {
-        let column = Column::played(Effect::FeedbackDelay, "delay_s", 0.0, d, i);
-        out.push(shape(column, Change::FeedbackDelay(d), 1.0));
-    }
-    for (i, lag) in LAGS_S.into_iter().enumerate() {
-        let column = Column::played(Effect::MotorLag, "time_constant_s", 0.0, lag, i);
-        out.push(shape(column, Change::Lag(lag), 1.0));
-    }
-    out.push(shape(
-        Column::open(0, 0.005).with_slack(1e-4),
-        Change::Drift,
-        0.001,
-    ));
-    out.push(shape(
-        Column::open(1, 0.3).with_slack(0.02),
-        Change::Lopsided,
-        0.1,
-    ));
-    let most = known.nominal.max_speed_rad_s;
-    let within = 1.0 - 3.0 * known.speed_tolerance;
-    let limits = SPEEDS_RAD_S.into_iter().enumerate();
-    for (i, limit) in limits.filter(|s| s.1 < within * most) {
-        let column = Column {
-            prior: [1.0, 0.1],
-            ..Column::played(Effect::VelocityLimit, "limit_rad_s", most, limit, i)
-        };
-        out.push(shape(column, Change::Limit(1.0 - limit / most), 1.0));
-    }
 }
 
 /// Spread of the angle, rad.
@@ -547,18 +168,16 @@ pub(in crate::whole) fn raw(
         }
     }
     let heard = known.echoed || known.applied;
+    // Lost set-points are found again beside the rest: their column stands behind all others.
+    let there_already: Vec<(usize, f64)> =
+        start.iter().copied().filter(|s| s.0 < all.len()).collect();
+    let start = there_already.as_slice();
     let there = start
         .iter()
         .fold(base, |law, (c, by)| all[*c].change.on(law, *by));
     let mut segments = Vec::new();
-    let lost: Vec<(Vec<f64>, f64, f64)> = grids.iter().map(|g| g.lost(&there)).collect();
-    let [missed, sent] = [1, 2].map(|i| {
-        lost.iter()
-            .map(|l| if i == 1 { l.1 } else { l.2 })
-            .sum::<f64>()
-    });
-    let share = missed / sent.max(1.0);
-    let loses = !heard && (LEAST_LOST..MOST_LOST).contains(&share);
+    let lost: Vec<Lost> = grids.iter().map(|g| g.lost(&there)).collect();
+    let loses = lost::share(&lost).filter(|_| !heard);
     for (grid, lost) in grids.iter().zip(&lost) {
         let plain = grid.compared(&grid.simulated(&there));
         let column = |(c, s): (usize, &Shape)| -> Vec<f64> {
@@ -579,8 +198,9 @@ pub(in crate::whole) fn raw(
             less(&moved, &plain).iter().map(|x| x / step).collect()
         };
         let mut x: Vec<Vec<f64>> = all.iter().enumerate().map(column).collect();
-        if loses {
-            x.push(lost.0.clone());
+        if loses.is_some() {
+            let came = grid.compared(&grid.answer(&there, &lost.command));
+            x.push(less(&came, &plain));
         }
         let mut y = less(&grid.compared(&grid.q), &plain);
         for (c, by) in start {
@@ -594,10 +214,10 @@ pub(in crate::whole) fn raw(
     }
     let spread = spread_rad(&grids);
     let mut columns: Vec<Column> = all.into_iter().map(|a| a.column).collect();
-    if loses {
+    if let Some((share, ways)) = loses {
         columns.push(Column {
             prior: [1.0, 0.1],
-            cost: missed * (1.0 - libm::log(share)),
+            cost: ways,
             ..Column::played(Effect::PacketLoss, "probability", 0.0, share, 0)
         });
     }
@@ -615,7 +235,7 @@ pub(in crate::whole) fn raw(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evidence::block::Block;
+    use crate::evidence::block::White;
     use crate::evidence::cause::causes;
     use crate::evidence::search::Problem;
     use crate::math::Rng;
@@ -675,7 +295,7 @@ mod tests {
         (command, position)
     }
 
-    fn named(late_s: f64, ratio: f64, offset: f64) -> Vec<(Option<Effect>, f64)> {
+    fn named(late_s: f64, ratio: f64, offset: f64) -> Named {
         let mut rng = Rng::new(7);
         let runs: Vec<(Track, Track)> = (0..3)
             .map(|_| run(late_s, ratio, offset, &mut rng))
@@ -690,8 +310,21 @@ mod tests {
                 limit: None,
             })
             .collect();
-        let raw = raw(0, &inputs, &known(), &[]).expect("long enough");
-        let blocks = [Block::new(raw, 6).with_model_error(0.12)];
+        named_in(&inputs)
+    }
+
+    /// As the search of causes does: around nothing, then around what was found.
+    fn named_in(inputs: &[Input<'_>]) -> Named {
+        let first = searched(inputs, &[]);
+        searched(inputs, &first.1).0
+    }
+
+    /// Effects and sizes, and coefficients, around the coefficients `start`.
+    fn searched(inputs: &[Input<'_>], start: &[(usize, f64)]) -> (Named, Vec<(usize, f64)>) {
+        let white = White::new(raw(0, inputs, &known(), start).expect("long enough"), 6);
+        let by = white.tempering(0.12);
+        let slack: Vec<f64> = white.columns.iter().map(|c| c.slack).collect();
+        let blocks = [white.without_nuisances(&slack, by)];
         let all = causes(&blocks, &[], &[]);
         let problem = Problem {
             blocks: &blocks,
@@ -701,15 +334,22 @@ mod tests {
         let found = problem.search(6.0, 3);
         let posterior = problem.posterior(&found.best.members);
         let members = found.best.members.iter().zip(&posterior.first);
-        members
+        let named = members
             .map(|(m, first)| {
                 let number = &all[*m].numbers[0];
                 let sd = number.of_latents[0].1;
                 let coefficient = number.mean + sd * posterior.mean[*first];
                 (all[*m].effect, number.neutral + number.scale * coefficient)
             })
-            .collect()
+            .collect();
+        let coefficients = problem.coefficients(&found.best.members);
+        (
+            named,
+            coefficients.into_iter().map(|c| (c.1, c.2)).collect(),
+        )
     }
+
+    type Named = Vec<(Option<Effect>, f64)>;
 
     #[test]
     fn closed_forms_of_the_loop_are_named_with_their_size() {
@@ -735,6 +375,43 @@ mod tests {
                     assert!((found[0].1 - value).abs() < within, "{what}: {found:?}");
                 }
             }
+        }
+    }
+
+    #[test]
+    fn set_points_that_never_came_are_counted() {
+        let mut rng = Rng::new(9);
+        let (sent, _) = run(0.0, 1.0, 0.0, &mut rng);
+        for share in [0.0, 0.03, 0.2] {
+            // What came, followed by the closed form of the loop.
+            let came: Vec<bool> = sent.t_s.iter().map(|_| rng.uniform() >= share).collect();
+            let mut position = Track::default();
+            let (mut q, mut held) = (sent.v[0], sent.v[0]);
+            for row in 0..1190 {
+                let tick = row / 5;
+                if row % 5 == 0 && came[tick] {
+                    held = sent.v[tick];
+                }
+                position.t_s.push(row as f64 * ROW_S);
+                position.v.push(q + 3e-4 * rng.normal());
+                q = held + (q - held) * libm::exp(-GAIN * ROW_S);
+            }
+            let input = Input {
+                command: sent.clone(),
+                position: &position,
+                load_nm: &[],
+                load_step_s: 0.02,
+                limit: None,
+            };
+            let found = named_in(&[input]);
+            let lost = found.iter().find(|f| f.0 == Some(Effect::PacketLoss));
+            let size = lost.map_or(0.0, |l| l.1);
+            let missed = came.iter().filter(|c| !**c).count() as f64 / came.len() as f64;
+            assert!(
+                (size - missed).abs() < 0.3 * missed + 1e-9,
+                "{missed}: {found:?}"
+            );
+            assert!(found.len() <= 1, "{found:?}");
         }
     }
 }

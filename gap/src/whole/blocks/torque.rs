@@ -4,6 +4,7 @@ use crate::evidence::block::{Column, Raw, Segment, Site};
 use crate::vocabulary::{Effect, Stage};
 
 use super::super::data::Track;
+use super::on;
 
 /// Time between torques that are compared, s.
 const STEP_S: f64 = 0.04;
@@ -56,14 +57,6 @@ struct Row {
     a: f64,
     side: f64,
     load: f64,
-}
-
-fn on(grid: &[f64], step_s: f64, t_s: f64) -> f64 {
-    let place = t_s / step_s;
-    let i = place as usize;
-    let a = grid.get(i).copied().unwrap_or(0.0);
-    let b = grid.get(i + 1).copied().unwrap_or(a);
-    a + (b - a) * (place - i as f64)
 }
 
 fn rows(input: &Input<'_>) -> Vec<Row> {

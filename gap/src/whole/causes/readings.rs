@@ -1,6 +1,6 @@
 //! What signals show without a simulation, each number as a block of one row.
 
-use crate::evidence::block::{Block, Column, Segment, Site};
+use crate::evidence::block::{Column, Segment, Site, White};
 use crate::vocabulary::Effect;
 use crate::whole::direct::Reading;
 
@@ -10,7 +10,7 @@ const SHAPE: usize = 200;
 const LEAST_ERROR: f64 = 0.02;
 
 /// A convention that set-points and angles show at once, as a block of one row.
-pub(super) fn sure(effect: Effect, joint: Option<usize>, key: &'static str) -> Block {
+pub(super) fn sure(effect: Effect, joint: Option<usize>, key: &'static str) -> White {
     let segment = Segment {
         y: vec![SURE],
         x: vec![vec![SURE]],
@@ -21,14 +21,14 @@ pub(super) fn sure(effect: Effect, joint: Option<usize>, key: &'static str) -> B
         joint,
     };
     let column = Column::linear(effect, key, 0.0, 1.0).shaped(SHAPE, &[]);
-    Block::whitened(site, vec![column], &[segment], [1.0, SURE])
+    White::whitened(site, vec![column], &[segment], [1.0, SURE])
 }
 
 /// Standard deviations by which a joint that follows another set-point, or turns the other way, stands out.
 const SURE: f64 = 20.0;
 
 /// A number that was read off the signals, as a block of one row; `neutral` is what the nominal model has there.
-pub(super) fn reading(r: &Reading, neutral: f64) -> Block {
+pub(super) fn reading(r: &Reading, neutral: f64) -> White {
     let error = ((r.estimate.ci95[1] - r.estimate.value) / 1.96)
         .max(LEAST_ERROR * (r.estimate.value - neutral).abs());
     let off = r.estimate.value - neutral;
@@ -43,5 +43,5 @@ pub(super) fn reading(r: &Reading, neutral: f64) -> Block {
         joint: r.joint,
     };
     let column = Column::linear(r.effect, r.key, neutral, sd).shaped(SHAPE, &[]);
-    Block::whitened(site, vec![column], &[segment], [1.0, off.abs() / error])
+    White::whitened(site, vec![column], &[segment], [1.0, off.abs() / error])
 }

@@ -309,10 +309,4 @@ impl Explained {
             null_robots: calibration.strongest.len(),
         }
     }
-
-    /// Evidence of the strongest cause, named or not: what a robot without a cause adds to a calibration.
-    pub(in crate::whole) fn strongest(&self) -> f64 {
-        let next = self.found.next.map_or(f64::NEG_INFINITY, |n| n.1);
-        self.found.gains.iter().copied().fold(next, f64::max)
-    }
 }

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 
 use files::dataset::Robot;
 use gap::bench;
-use gap::decide::Calibration;
+use gap::decide::{Calibration, CalibrationError};
+use gap::evidence::block::White;
 use gap::vocabulary::Effect;
-use gap::whole::{Causes, Row, name_causes, strongest_evidence};
+use gap::whole::{Causes, Row, calibrated, name_causes, null_blocks};
 
 use super::input;
 use super::report::effect;
@@ -143,17 +144,42 @@ fn sets(folder: &Path) -> Outcome<Vec<PathBuf>> {
     Ok(out)
 }
 
-/// Evidence of the strongest cause of a data set, and what the best set leaves, where that is measured.
-fn strongest(set: &Path, context: &Context) -> Outcome<(Robot, f64, Option<f64>)> {
-    let input = input::read(set, context)?;
-    let (manifest, recordings) = (&input.manifest, &input.recordings);
-    if manifest.robot == Robot::Bench {
-        let [evidence, left] = bench::strongest(manifest, recordings).map_err(bad)?;
-        return Ok((manifest.robot, evidence, Some(left)));
+/// What a calibration is made of: joints or robots without a cause.
+#[derive(Default)]
+struct Healthy {
+    /// Evidence of the strongest cause of a joint, and what the best set leaves.
+    joints: Vec<[f64; 2]>,
+    /// Blocks of a robot.
+    robots: Vec<Vec<(White, f64)>>,
+}
+
+impl Healthy {
+    /// Adds a data set and says of what it is.
+    fn add(&mut self, set: &Path, context: &Context) -> Outcome<Robot> {
+        let input = input::read(set, context)?;
+        let (manifest, recordings) = (&input.manifest, &input.recordings);
+        if manifest.robot == Robot::Bench {
+            let [evidence, left] = bench::strongest(manifest, recordings).map_err(bad)?;
+            let text = format!("{}: {evidence:.2}, left {left:.3}", set.display());
+            context.out.detail(text);
+            self.joints.push([evidence, left]);
+            return Ok(manifest.robot);
+        }
+        let model = model(set, &input)?;
+        let blocks = null_blocks(manifest, recordings, &model).map_err(bad)?;
+        context.out.detail(set.display().to_string());
+        self.robots.push(blocks);
+        Ok(manifest.robot)
     }
-    let model = model(set, &input)?;
-    let evidence = strongest_evidence(manifest, recordings, &model).map_err(bad)?;
-    Ok((manifest.robot, evidence, None))
+
+    fn calibration(&self, command: &str, source: &str) -> Result<Calibration, CalibrationError> {
+        if !self.robots.is_empty() {
+            return calibrated(&self.robots, command, source);
+        }
+        let evidence = self.joints.iter().map(|j| j[0]).collect();
+        let left = self.joints.iter().map(|j| j[1]).collect();
+        Ok(Calibration::new(evidence, command, source)?.with_remainders(left))
+    }
 }
 
 /// Writes the null distribution of folders of robots or of joints without a cause.
@@ -165,7 +191,7 @@ pub(super) fn calibrate(args: &CalibrateArgs, context: &Context) -> Outcome {
     }
     let bar = context.out.progress(all.len() as u64, "data sets");
     let _grace = interrupt::grace("stopping: nothing is written");
-    let (mut evidence, mut left, mut kinds) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut healthy, mut kinds) = (Healthy::default(), Vec::new());
     for set in &all {
         if interrupt::pressed() {
             return Err(Failure::say(
@@ -173,7 +199,7 @@ pub(super) fn calibrate(args: &CalibrateArgs, context: &Context) -> Outcome {
                 "stopped; nothing was written",
             ));
         }
-        let (robot, own, rest) = strongest(set, context)?;
+        let robot = healthy.add(set, context)?;
         kinds.push(robot);
         if kinds.iter().any(|k| *k != robot) {
             return Err(Failure::say(
@@ -181,12 +207,6 @@ pub(super) fn calibrate(args: &CalibrateArgs, context: &Context) -> Outcome {
                 format!("{}: joints and robots are calibrated apart", set.display()),
             ));
         }
-        let rest_text = rest.map_or(String::new(), |r| format!(", left {r:.3}"));
-        context
-            .out
-            .detail(format!("{}: {own:.2}{rest_text}", set.display()));
-        evidence.push(own);
-        left.extend(rest);
         bar.inc(1);
     }
     bar.finish_and_clear();
@@ -195,9 +215,7 @@ pub(super) fn calibrate(args: &CalibrateArgs, context: &Context) -> Outcome {
         "rb-host gap calibrate --nulls {}",
         folders.join(" --nulls ")
     );
-    let made = Calibration::new(evidence, &command, &args.source)
-        .map_err(bad)?
-        .with_remainders(left);
+    let made = healthy.calibration(&command, &args.source).map_err(bad)?;
     let text = made
         .to_json()
         .map_err(|e| Failure::new(Exit::Other, anyhow::Error::new(e)))?;

@@ -1,0 +1,274 @@
+//! What robots without a cause differ by from the nominal model: the standard deviation of every column's coefficient,
+//! learned from many of them.
+//!
+//! Errors of a robot without a cause are `y = X theta + n` with `theta_c ~ N(0, s_c^2)`: contacts of other simulators,
+//! servos of another make, tolerances. Expectation and maximisation over all robots gives the `s_c` of most
+//! likelihood (automatic relevance: MacKay 1992, Tipping 2001); a column that no robot needs goes to zero.
+
+use std::collections::BTreeMap;
+
+use rayon::prelude::*;
+
+use super::block::{Block, Column, Meaning, Site, White};
+use super::linear::{cholesky, forward, inverse};
+
+/// Passes; the slowest columns move by 1 % in the last one.
+const PASSES: usize = 40;
+/// Spread from which a column starts, as a share of its size where the effect is there.
+const START: f64 = 0.3;
+/// Share of a column's size below which its spread is nothing.
+const NOTHING: f64 = 1e-3;
+
+/// Standard deviations by column.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Spreads {
+    /// By name of the column, in units of its coefficient: of each joint by itself.
+    pub columns: BTreeMap<String, f64>,
+    /// The same of what all joints of a robot have alike, in the order in which they were found.
+    #[serde(default)]
+    pub shared: Vec<(String, f64)>,
+}
+
+/// Logarithm of the likelihood ratio over all robots from which a difference counts as one that joints share.
+const SHARED: f64 = 10.0;
+/// Most of them.
+const MOST: usize = 8;
+
+/// Name of a column: stage of its block, effect, parameter, shape.
+#[must_use]
+pub fn name(site: &Site, column: &Column) -> Option<String> {
+    let what = match column.meaning {
+        Meaning::Effect(e) => e.name(),
+        Meaning::Open => "open",
+        Meaning::Nuisance => return None,
+    };
+    let (stage, key) = (site.stage.name(), column.parameter.key);
+    Some(format!("{stage}.{what}.{key}.{}", column.shape))
+}
+
+fn size(column: &Column) -> f64 {
+    column.prior[0].abs().max(column.prior[1])
+}
+
+impl Spreads {
+    /// Standard deviations of all columns of a block where no cause is: what its model states, and what robots without
+    /// a cause show.
+    #[must_use]
+    pub fn of(&self, block: &White) -> Vec<f64> {
+        let one = |c: &Column| {
+            let learned = name(&block.site, c).and_then(|n| self.columns.get(&n).copied());
+            c.slack.max(learned.unwrap_or(0.0))
+        };
+        block.columns.iter().map(one).collect()
+    }
+
+    /// Name and standard deviation of what all joints have alike in a column of theirs.
+    #[must_use]
+    pub fn alike(&self, site: &Site, column: &Column) -> Option<(String, f64)> {
+        let own = name(site, column).filter(|_| site.joint.is_some())?;
+        self.shared.iter().find(|s| s.0 == own).cloned()
+    }
+
+    /// A block without its nuisances; `share` of its noise is model error in any one direction.
+    #[must_use]
+    pub fn taken_from(&self, block: &White, share: f64) -> Block {
+        block.without_nuisances(&self.of(block), block.tempering(share))
+    }
+
+    /// Learned from the blocks of robots without a cause, each with its share of model error.
+    #[must_use]
+    pub fn learned(robots: &[Vec<(White, f64)>]) -> Self {
+        let mut out = Self::default();
+        let blocks: Vec<&(White, f64)> = robots
+            .iter()
+            .flatten()
+            .filter(|b| b.0.columns.len() > 1)
+            .collect();
+        for (block, _) in &blocks {
+            for c in &block.columns {
+                if let Some(n) = name(&block.site, c) {
+                    out.columns.insert(n, START * size(c));
+                }
+            }
+        }
+        for _ in 0..PASSES {
+            let seconds: Vec<Vec<(String, f64)>> = blocks
+                .par_iter()
+                .map(|(block, share)| out.expected(block, *share))
+                .collect();
+            let mut sums: BTreeMap<String, (f64, f64)> = BTreeMap::new();
+            for (n, square) in seconds.into_iter().flatten() {
+                let slot = sums.entry(n).or_default();
+                *slot = (slot.0 + square, slot.1 + 1.0);
+            }
+            for (n, (sum, count)) in sums {
+                out.columns.insert(n, (sum / count).sqrt());
+            }
+        }
+        for (block, _) in &blocks {
+            for c in &block.columns {
+                if let Some(n) = name(&block.site, c)
+                    && out.columns.get(&n).is_some_and(|s| *s < NOTHING * size(c))
+                {
+                    out.columns.remove(&n);
+                }
+            }
+        }
+        out.shared = out.common(robots);
+        out
+    }
+
+    /// What all joints of a robot have alike: the differences that explain most, one after the other.
+    fn common(&self, robots: &[Vec<(White, f64)>]) -> Vec<(String, f64)> {
+        let mut robots: Vec<Sums> = robots.par_iter().map(|r| self.sums(r)).collect();
+        let mut names: Vec<String> = robots.iter().flat_map(|r| r.names.clone()).collect();
+        names.sort_unstable();
+        names.dedup();
+        let mut out: Vec<(String, f64)> = Vec::new();
+        while out.len() < MOST {
+            let best = names
+                .par_iter()
+                .map(|n| {
+                    let own: Vec<[f64; 2]> = robots.iter().filter_map(|r| r.of(n)).collect();
+                    let spread = likeliest(&own);
+                    (likelihood(&own, spread), spread, n)
+                })
+                .max_by(|a, b| a.0.total_cmp(&b.0).then_with(|| b.2.cmp(a.2)));
+            let Some((_, spread, n)) = best.filter(|b| b.0 > SHARED) else {
+                break;
+            };
+            out.push((n.clone(), spread));
+            robots.par_iter_mut().for_each(|r| r.take(n, spread));
+        }
+        out
+    }
+
+    /// Information of a robot's joints about what they have alike, what each has by itself taken out.
+    fn sums(&self, robot: &[(White, f64)]) -> Sums {
+        let mut out = Sums::default();
+        let joints = robot
+            .iter()
+            .filter(|b| b.0.site.joint.is_some() && b.0.columns.len() > 1);
+        let named: Vec<(Block, Vec<Option<String>>)> = joints
+            .map(|(w, share)| {
+                let names = w.columns.iter().map(|c| name(&w.site, c)).collect();
+                (self.taken_from(w, *share), names)
+            })
+            .collect();
+        out.names = named
+            .iter()
+            .flat_map(|b| b.1.iter().flatten().cloned())
+            .collect();
+        out.names.sort_unstable();
+        out.names.dedup();
+        let n = out.names.len();
+        out.products = vec![0.0; n * n];
+        out.moments = vec![0.0; n];
+        for (block, names) in &named {
+            let at: Vec<Option<usize>> = names
+                .iter()
+                .map(|x| x.as_ref().and_then(|x| out.names.binary_search(x).ok()))
+                .collect();
+            for (c, i) in at.iter().enumerate() {
+                let Some(i) = i else { continue };
+                out.moments[*i] += block.moment[c];
+                for (d, j) in at.iter().enumerate() {
+                    if let Some(j) = j {
+                        out.products[i * n + j] += block.product(c, d);
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    /// Expected squares of a block's coefficients.
+    fn expected(&self, block: &White, share: f64) -> Vec<(String, f64)> {
+        let spread = self.of(block);
+        let (c, by) = (block.columns.len(), block.tempering(share));
+        let n = c + 1;
+        let own: Vec<usize> = (0..c).filter(|i| spread[*i] > 0.0).collect();
+        let m = own.len();
+        let mut a = vec![0.0; m * m];
+        let mut z = vec![0.0; m];
+        for (i, p) in own.iter().enumerate() {
+            for (j, q) in own.iter().enumerate() {
+                a[i * m + j] = by * spread[*p] * spread[*q] * block.products[p * n + q];
+            }
+            a[i * m + i] += 1.0;
+            z[i] = by * spread[*p] * block.products[p * n + c];
+        }
+        let l = cholesky(&a, m);
+        let covariance = inverse(&l, m);
+        let mut half = z;
+        forward(&l, m, &mut half);
+        super::linear::backward(&l, m, &mut half);
+        own.iter()
+            .enumerate()
+            .filter_map(|(i, p)| {
+                let square = half[i] * half[i] + covariance[i * m + i];
+                // What a column cannot show in this block says nothing about its spread.
+                let shows = block.products[p * n + p] * by * size(&block.columns[*p]).powi(2) > 1.0;
+                let n = name(&block.site, &block.columns[*p]).filter(|_| shows)?;
+                Some((n, spread[*p] * spread[*p] * square))
+            })
+            .collect()
+    }
+}
+
+/// Products and moments of a robot's columns, each summed over its joints.
+#[derive(Debug, Default)]
+struct Sums {
+    names: Vec<String>,
+    products: Vec<f64>,
+    moments: Vec<f64>,
+}
+
+impl Sums {
+    /// Product and moment of one column.
+    fn of(&self, name: &String) -> Option<[f64; 2]> {
+        let i = self.names.binary_search(name).ok()?;
+        Some([self.products[i * self.names.len() + i], self.moments[i]])
+    }
+
+    /// Takes out what a column explains that has a spread.
+    fn take(&mut self, name: &String, spread: f64) {
+        let Ok(k) = self.names.binary_search(name) else {
+            return;
+        };
+        let n = self.names.len();
+        let row = self.products[k * n..(k + 1) * n].to_vec();
+        let by = 1.0 / (row[k] + 1.0 / (spread * spread));
+        let moment = self.moments[k];
+        for i in 0..n {
+            self.moments[i] -= by * row[i] * moment;
+            for j in 0..n {
+                self.products[i * n + j] -= by * row[i] * row[j];
+            }
+        }
+    }
+}
+
+/// Logarithm of the likelihood of a spread over that of none.
+fn likelihood(robots: &[[f64; 2]], spread: f64) -> f64 {
+    let variance = spread * spread;
+    let one = |[product, moment]: &[f64; 2]| {
+        let of = 1.0 + variance * product;
+        0.5 * variance * moment * moment / of - 0.5 * libm::log(of)
+    };
+    robots.iter().map(one).sum()
+}
+
+/// The spread of most likelihood; expectation and maximisation from one that shows well.
+fn likeliest(robots: &[[f64; 2]]) -> f64 {
+    let shown: f64 = robots.iter().map(|r| r[0]).sum::<f64>() / robots.len().max(1) as f64;
+    let mut variance = 100.0 / shown.max(1e-300);
+    for _ in 0..PASSES {
+        let one = |[product, moment]: &[f64; 2]| {
+            let of = 1.0 / (product + 1.0 / variance);
+            of + of * of * moment * moment
+        };
+        variance = robots.iter().map(one).sum::<f64>() / robots.len().max(1) as f64;
+    }
+    variance.sqrt()
+}

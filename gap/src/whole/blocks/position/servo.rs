@@ -1,0 +1,158 @@
+//! The servo on the grid of the simulation, led by set-points.
+
+use super::Input;
+use crate::whole::data::Track;
+
+/// Step of the integrals, s: the drivers' own is 1 ms, the recordings' 5 to 50 ms.
+pub(super) const STEP_S: f64 = 0.002;
+/// Least length of a prediction, s.
+const HORIZON_S: f64 = 0.04;
+
+/// A run on the grid of the simulation.
+pub(super) struct Grid {
+    /// Encoder and load.
+    pub(super) q: Vec<f64>,
+    load: Vec<f64>,
+    /// Whether the motor is at its limit.
+    limited: Vec<bool>,
+    /// Steps between compared angles.
+    pub(super) stride: usize,
+    /// Set-points as steps in time.
+    pub(super) command: Track,
+    pub(super) from_s: f64,
+}
+
+/// The servo: `v = clamp(P (c - q))` with what may be different about it. Neutral values are those of the nominal
+/// model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Law {
+    pub(super) gain: f64,
+    pub(super) most: f64,
+    /// Gain and speed limit as shares of these.
+    pub(super) ratio: f64,
+    pub(super) share: f64,
+    pub(super) offset: f64,
+    pub(super) scale: f64,
+    pub(super) delay_s: f64,
+    pub(super) clock: f64,
+    pub(super) step: f64,
+    pub(super) soft_band: f64,
+    pub(super) hard_band: f64,
+    pub(super) feedback_delay_s: f64,
+    pub(super) lag_s: f64,
+    pub(super) droop: f64,
+    /// Drift of the zero, rad/s.
+    pub(super) drift: f64,
+    /// Gain for positive errors over that for negative ones, less one.
+    pub(super) lopsided: f64,
+}
+
+impl Law {
+    fn error(&self, c: f64, q: f64) -> f64 {
+        let mut e = c * self.scale + self.offset - q;
+        if e.abs() < self.hard_band {
+            e = 0.0;
+        }
+        e.signum() * (e.abs() - self.soft_band).max(0.0)
+    }
+}
+
+impl Grid {
+    pub(super) fn new(input: &Input<'_>) -> Option<Self> {
+        let q = input.position;
+        let period = q.period_s();
+        let stride = ((HORIZON_S.max(period)) / STEP_S).round() as usize;
+        let from_s = q.t_s[0];
+        let end_s = q.t_s[q.t_s.len() - 1];
+        let n = ((end_s - from_s) / STEP_S) as usize;
+        if n < 100 * stride {
+            return None;
+        }
+        let at = |i: usize| from_s + i as f64 * STEP_S;
+        let load = |i: usize| {
+            let place = (at(i) / input.load_step_s) as usize;
+            input.load_nm.get(place).copied().unwrap_or(0.0)
+        };
+        let limited = |i: usize| {
+            let full = |(limit, effort): (f64, &Track)| effort.at(at(i)).abs() > limit;
+            input.limit.is_some_and(full)
+        };
+        Some(Self {
+            q: (0..n).map(|i| q.at(at(i))).collect(),
+            load: (0..n).map(load).collect(),
+            limited: (0..n).map(limited).collect(),
+            stride,
+            command: input.command.clone(),
+            from_s,
+        })
+    }
+
+    /// Angles at the compared instants.
+    pub(super) fn compared(&self, q: &[f64]) -> Vec<f64> {
+        q.iter().step_by(self.stride).copied().collect()
+    }
+
+    /// Angle under a law, from the measured start; the loop is stable, so that a wrong start is forgotten.
+    pub(super) fn simulated(&self, law: &Law) -> Vec<f64> {
+        self.answer(law, &self.command)
+    }
+
+    /// The same to other set-points.
+    pub(super) fn answer(&self, law: &Law, command: &Track) -> Vec<f64> {
+        let (times, values) = (&command.t_s, &command.v);
+        let mut cursor = 0;
+        let mut out = Vec::with_capacity(self.q.len());
+        let mut speed = 0.0;
+        let mut q = self.q[0];
+        for i in 0..self.q.len() {
+            let t = (self.from_s + i as f64 * STEP_S) * law.clock - law.delay_s;
+            while cursor + 1 < times.len() && times[cursor + 1] <= t {
+                cursor += 1;
+            }
+            out.push(q);
+            q = self.next(law, values[cursor], (&out, &mut speed));
+        }
+        out
+    }
+
+    /// The angle a step after the last one of `past`, under the set-point `c`.
+    pub(super) fn next(&self, law: &Law, c: f64, (past, speed): (&[f64], &mut f64)) -> f64 {
+        let h = STEP_S;
+        let i = past.len() - 1;
+        let back = (law.feedback_delay_s / h).round() as usize;
+        let blend = if law.lag_s > 0.0 {
+            1.0 - libm::exp(-h / law.lag_s)
+        } else {
+            1.0
+        };
+        let (gain, most) = (law.gain * law.ratio, law.most * law.share);
+        let c = if law.step > 0.0 {
+            (c / law.step).round() * law.step
+        } else {
+            c
+        };
+        let seen = past[i.saturating_sub(back)];
+        // Half a step of the loop's own answer makes the explicit law second order.
+        let error = law.error(c + law.drift * i as f64 * h, seen);
+        let side = if error > 0.0 { 1.0 + law.lopsided } else { 1.0 };
+        let wanted = side * gain * error / (1.0 + 0.5 * gain * h);
+        *speed += blend * (wanted.clamp(-most, most) - *speed);
+        past[i] + h * (*speed - law.droop * self.load[i])
+    }
+
+    /// Weight of each compared angle: none at the start, at the motor's limit and while a joint comes back from there.
+    pub(super) fn weights(&self) -> Vec<f64> {
+        const AFTER: usize = (0.5 / STEP_S) as usize;
+        let mut left = AFTER;
+        let free: Vec<bool> = self
+            .limited
+            .iter()
+            .map(|l| {
+                left = if *l { AFTER } else { left.saturating_sub(1) };
+                left == 0
+            })
+            .collect();
+        let one = |f: &bool| f64::from(u8::from(*f));
+        free.iter().step_by(self.stride).map(one).collect()
+    }
+}
