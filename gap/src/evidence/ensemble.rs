@@ -272,3 +272,56 @@ fn likeliest(robots: &[[f64; 2]]) -> f64 {
     }
     variance.sqrt()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::block::Segment;
+    use crate::math::Rng;
+    use crate::vocabulary::{Effect, Stage};
+
+    /// A joint whose errors hold `sizes` of dry and of viscous friction.
+    fn joint(k: usize, sizes: [f64; 2], rng: &mut Rng) -> (White, f64) {
+        let n = 300;
+        let side = |i: usize| if i % 40 < 20 { 1.0 } else { -1.0 };
+        let speed = |i: usize| crate::math::sin(0.157 * i as f64);
+        let x: Vec<Vec<f64>> = vec![(0..n).map(side).collect(), (0..n).map(speed).collect()];
+        let y = |i: usize| sizes[0] * x[0][i] + sizes[1] * x[1][i] + rng.normal();
+        let segment = Segment {
+            y: (0..n).map(y).collect(),
+            x,
+            weight: vec![1.0; n],
+        };
+        let columns = vec![
+            Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 1.0),
+            Column::linear(Effect::ViscousFriction, "nm_s_rad", 0.0, 1.0),
+        ];
+        let site = Site {
+            stage: Stage::Drivetrain,
+            joint: Some(k),
+        };
+        (White::whitened(site, columns, &[segment], [1.0, 1.0]), 0.0)
+    }
+
+    #[test]
+    fn spreads_of_joints_and_of_robots_are_found_again() {
+        let mut rng = Rng::new(21);
+        // Dry friction differs between joints by 0.4, viscous friction between robots by 0.5.
+        let robots: Vec<Vec<(White, f64)>> = (0..80)
+            .map(|_| {
+                let alike = 0.5 * rng.normal();
+                (0..6)
+                    .map(|k| joint(k, [0.4 * rng.normal(), alike], &mut rng))
+                    .collect()
+            })
+            .collect();
+        let found = Spreads::learned(&robots);
+        let dry = found.columns["drivetrain.coulomb_friction.torque_nm.0"];
+        assert!((dry - 0.4).abs() < 0.04, "{found:?}");
+        let [(name, alike)] = found.shared.as_slice() else {
+            panic!("{found:?}");
+        };
+        assert_eq!(name, "drivetrain.viscous_friction.nm_s_rad.0");
+        assert!((alike - 0.5).abs() < 0.15, "{found:?}");
+    }
+}
