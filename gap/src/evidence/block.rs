@@ -358,9 +358,8 @@ impl White {
         }
     }
 
-    /// Where `share` of the noise's standard deviation may be model error in any one direction, which no number of
-    /// rows averages away: along a direction the errors then have the variance `1 + rows share^2`, and all that the
-    /// block says counts by so much less.
+    /// Share by which all that the block says counts where `share` of its noise may be model error in any one direction.
+    /// No number of rows averages model error away: along a direction the errors have the variance `1 + rows share^2`.
     #[must_use]
     pub fn tempering(&self, share: f64) -> f64 {
         1.0 / (1.0 + self.rows * share * share)
