@@ -7,7 +7,7 @@ fn robot_file(folder: &Folder, name: &str, driver: &str) {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/metamodule.toml");
     let text = std::fs::read_to_string(path).unwrap();
     let bus = format!("[bus]\ndriver = \"{driver}\"\n\n[[body]]");
-    folder.write(name, &text.replacen("[[body]]", &bus, 1));
+    folder.write(name, text.replacen("[[body]]", &bus, 1));
 }
 
 #[test]
@@ -61,7 +61,7 @@ fn a_mixed_bus_and_unknown_kinds_are_refused() {
     ] {
         robot_file(&folder, "bad.toml", "mx28");
         let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/metamodule.toml");
-        folder.write("silent.toml", &std::fs::read_to_string(path).unwrap());
+        folder.write("silent.toml", std::fs::read_to_string(path).unwrap());
         let done = on(&["bus", "use", kind]).expect(code);
         assert!(done.err.contains(words), "{kind}: {}", done.err);
     }
