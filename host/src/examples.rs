@@ -40,6 +40,7 @@ pub const EXAMPLES: &[Examples] = &[
     ),
     ("bus write", &["bus write 2 led 1"]),
     ("bus table", &["bus table"]),
+    ("bus use", &["bus use xm430", "bus use robot.toml"]),
     ("bus bench", &["bus bench -d 10s --id 1 --id 2"]),
     ("gait new", &["gait new my.toml"]),
     (
