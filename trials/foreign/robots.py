@@ -226,8 +226,11 @@ def value(rng, low, high, form, moderate):
         return low
     x = log_uniform(rng, low, high, moderate)
     sign = rng.choice([-1.0, 1.0])
-    return {"plain": x, "signed": sign * x, "ratio": math.exp(sign * x), "near": 1 + sign * x, "volt": VOLTS * math.exp(-x),
-            "mostly_less": math.exp(-x if rng.random() < 0.75 else min(x, 0.9))}[form]
+    # Drawn whatever the form, so that a seed keeps its robots.
+    less = -x if rng.random() < 0.75 else min(x, 0.9)
+    forms = {"plain": lambda: x, "signed": lambda: sign * x, "ratio": lambda: math.exp(sign * x), "near": lambda: 1 + sign * x, "volt": lambda: VOLTS * math.exp(-x),
+             "mostly_less": lambda: math.exp(less)}
+    return forms[form]()
 
 
 def scope_of(rng, effect):
