@@ -104,7 +104,7 @@ impl Calibration {
         Ok(serde_json::to_string_pretty(self)? + "\n")
     }
 
-    /// That of emulated robots and of robots played in MuJoCo.
+    /// That of emulated robots and of robots played in MuJoCo and ODE.
     #[must_use]
     pub fn shipped() -> Self {
         Self::of(include_str!("../calibration/robot.json"))

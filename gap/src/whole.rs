@@ -247,13 +247,13 @@ impl Diagnosis {
     }
 }
 
-/// What a search of causes finds where a cause must add `least` evidence.
-fn explained(
-    manifest: &Manifest,
-    recordings: &[Recording],
-    model: &Model,
+/// Reads a data set for the search of causes and hands it to `then`, with what a cause must add and what robots
+/// without a cause differ by.
+fn asked<T>(
+    (manifest, recordings, model): (&Manifest, &[Recording], &Model),
     (withhold, least, spreads): (&[Effect], f64, &Spreads),
-) -> Result<causes::Explained, WholeError> {
+    then: impl FnOnce(&causes::Asked<'_>, Option<&mut body::Tier>) -> T,
+) -> Result<T, WholeError> {
     let model = &manifest.stated(model);
     let params = Arc::new(Params::try_from(model)?);
     let data = Data::new(manifest, recordings, model);
@@ -275,7 +275,7 @@ fn explained(
         least,
         spreads,
     };
-    Ok(causes::explain(&asked, tier.as_mut()))
+    Ok(then(&asked, tier.as_mut()))
 }
 
 /// Names the causes of a robot's gap, those that joints share as one: `rb.gap/2`.
@@ -289,12 +289,8 @@ pub fn name_causes(
     withhold: &[Effect],
     calibration: &Calibration,
 ) -> Result<Causes, WholeError> {
-    let found = explained(
-        manifest,
-        recordings,
-        model,
-        (withhold, calibration.least(), &calibration.spreads),
-    )?;
+    let settings = (withhold, calibration.least(), &calibration.spreads);
+    let found = asked((manifest, recordings, model), settings, causes::explain)?;
     Ok(found.rows(calibration))
 }
 
@@ -308,28 +304,10 @@ pub fn null_blocks(
     recordings: &[Recording],
     model: &Model,
 ) -> Result<Vec<(White, f64)>, WholeError> {
-    let model = &manifest.stated(model);
-    let params = Arc::new(Params::try_from(model)?);
-    let data = Data::new(manifest, recordings, model);
-    let split = split(&data);
-    if split.fit.is_empty() {
-        return Err(WholeError::Nothing);
-    }
-    let mut conventions = conventions::find(&data);
-    let direct = direct::read(&data, &mut conventions, &[]);
-    let mut tier = body::Tier::new(&data, model, &params, &split.fit);
-    let asked = causes::Asked {
-        data: &data,
-        model,
-        params: &params,
-        conventions: &conventions,
-        direct: &direct,
-        runs: &split.fit,
-        withhold: &[],
-        least: f64::INFINITY,
-        spreads: &Spreads::default(),
-    };
-    Ok(asked.nominal_blocks(tier.as_mut()))
+    let settings = (&[][..], f64::INFINITY, &Spreads::default());
+    asked((manifest, recordings, model), settings, |asked, tier| {
+        asked.nominal_blocks(tier)
+    })
 }
 
 /// What robots without a cause, each by its [`null_blocks`], differ by, and how strong a cause they seem to have. The
