@@ -233,6 +233,11 @@ impl ModuleHandler for Visitor<'_> {
         if missing_mask != 0 && self.core.state() == ModuleState::Idle {
             return Err(Reject::MotorsMissing { missing_mask });
         }
+        if self.core.run.is_some() {
+            // Its hold may be over since the last cycle, but no cycle has let the drivers go and told its end.
+            let state = self.core.state();
+            return Err(Reject::State { state });
+        }
         self.core.supervise(SupervisorEvent::Order(Order::Start {
             duration_us: u64::from(order.duration_ms).saturating_mul(1_000),
             countdown_us: u64::from(order.countdown_ms).saturating_mul(1_000),
@@ -242,12 +247,10 @@ impl ModuleHandler for Visitor<'_> {
         for session in &mut self.core.sessions {
             session.beats = 0;
             session.silent = false;
-            session.end_due = false;
         }
         self.core.telemetry.begin(self.core.runs);
         self.core.recording = order.rate != TelemetryRate::Off;
         self.core.run_link = self.link;
-        self.core.run_end = None;
         self.core.run = Some(Run::new(self.core.runs, gait, order, self.link));
         Ok(Outcome::Done(()))
     }

@@ -236,15 +236,22 @@ impl Laws {
         }
         match order {
             Order::Start { runs_us, lease_us } => {
-                if self.grants.iter().all(|grant| grant.number != number) {
-                    self.orders += 1;
-                    self.grants.push(Grant {
-                        number,
-                        at_us: *at_us,
-                        runs_us,
-                        lease_us,
-                        beat_us: *at_us,
-                    });
+                let grant = Grant {
+                    number,
+                    at_us: *at_us,
+                    runs_us,
+                    lease_us,
+                    beat_us: *at_us,
+                };
+                let known = self.grants.iter_mut().find(|known| known.number == number);
+                match known {
+                    // Without a key nothing voids the copy of an order whose first one the receiver has lost.
+                    Some(known) if !self.keyed && known.at_us < self.stopped_us => *known = grant,
+                    Some(_) => {}
+                    None => {
+                        self.orders += 1;
+                        self.grants.push(grant);
+                    }
                 }
             }
             Order::Beat => {

@@ -337,3 +337,31 @@ fn a_busy_link_moves_neither_the_samples_nor_the_end_of_a_run() {
     assert!(record.windows(2).all(on_grid));
     assert!(sent > 5_000);
 }
+
+/// The hold after a run ends between two cycles. An order in that gap must wait for the cycle that lets the drivers go and tells the end.
+#[test]
+fn a_start_at_the_very_end_of_a_hold_swallows_no_run() {
+    for offset_us in [100, 700, 1_300, 2_900] {
+        let (mut robot, mut host, digest) = ready(0);
+        host.start(&mut robot, 0, digest, 300, TelemetryRate::Cycle)
+            .expect("ready");
+        robot.run_for(offset_us);
+        let mut refused = 0;
+        while host
+            .start(&mut robot, 0, digest, 300, TelemetryRate::Cycle)
+            .is_err()
+        {
+            robot.run_for(1_000);
+            refused += 1;
+            assert!(refused < 20_000, "the first run never ends");
+        }
+        host.receive(None);
+        assert_eq!(host.ends.len(), 1, "the first run's end is told");
+        assert_eq!(host.ends[0].reason, EndReason::Completed);
+        let end = host
+            .wait_for_end(&mut robot, 30_000_000)
+            .expect("the second run ends");
+        assert_eq!((end.run, end.reason), (2, EndReason::Completed));
+        check_set_points(&robot);
+    }
+}

@@ -23,6 +23,16 @@ fn no_law_breaks_whatever_strikes() {
     assert!(counts.completed > SCHEDULES / 5 && counts.uploads > SCHEDULES / 2);
 }
 
+/// Seeds of longer runs in which a law did not hold: of the firmware, or of the laws themselves.
+const ONCE_BROKEN: [u64; 2] = [1_001_717, 1_005_104];
+
+#[test]
+fn seeds_that_broke_a_law_once_hold_now() {
+    for seed in ONCE_BROKEN {
+        assert_eq!(play(&Plan::of(seed)).broken, None, "seed {seed}");
+    }
+}
+
 #[test]
 fn the_sum_does_not_depend_on_the_number_of_threads() {
     let of = |threads| many(5_000, 24, threads, &Cut::default(), false, &|| true);
