@@ -3,6 +3,7 @@
 //! 8N1: ten bit times per byte, 10 us at 1 Mbaud. Deterministic; time is an argument.
 
 use crate::rng::Rng;
+use std::collections::VecDeque;
 
 /// Who puts a byte on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -75,11 +76,18 @@ struct InFlight {
     clean: bool,
 }
 
+impl InFlight {
+    fn order(&self) -> (u64, Talker) {
+        (self.end_ns, self.from)
+    }
+}
+
 /// The wire.
 #[derive(Clone, Debug)]
 pub struct Bus {
     params: BusParams,
-    in_flight: Vec<InFlight>,
+    /// In order of time.
+    in_flight: VecDeque<InFlight>,
     /// Until when each talker is sending [ns].
     talking_until: Vec<(Talker, u64)>,
     busy_until_ns: u64,
@@ -96,7 +104,7 @@ impl Bus {
     pub fn new(params: BusParams, seed: u64) -> Self {
         Self {
             params,
-            in_flight: Vec::new(),
+            in_flight: VecDeque::new(),
             talking_until: Vec::new(),
             busy_until_ns: 0,
             counters: BusCounters::default(),
@@ -126,10 +134,16 @@ impl Bus {
     pub fn send(&mut self, at_ns: u64, from: Talker, bytes: &[u8]) -> u64 {
         let byte_ns = self.params.byte_ns();
         let mut start_ns = at_ns.max(self.free_from_ns(from));
+        let alone = self.in_flight.iter().all(|other| other.from == from);
         for &byte in bytes {
             let end_ns = start_ns + byte_ns;
             let mut clean = true;
-            for other in &mut self.in_flight {
+            let others = if alone {
+                Default::default()
+            } else {
+                self.in_flight.iter_mut()
+            };
+            for other in others {
                 if other.from != from && other.start_ns < end_ns && start_ns < other.end_ns {
                     clean = false;
                     if other.clean {
@@ -139,13 +153,21 @@ impl Bus {
                 }
             }
             self.counters.collided_bytes += u64::from(!clean);
-            self.in_flight.push(InFlight {
+            let late = self.in_flight.back();
+            let place = if late.is_none_or(|last| last.order() < (end_ns, from)) {
+                self.in_flight.len()
+            } else {
+                self.in_flight
+                    .partition_point(|other| other.order() < (end_ns, from))
+            };
+            let byte = InFlight {
                 start_ns,
                 end_ns,
                 from,
                 byte,
                 clean,
-            });
+            };
+            self.in_flight.insert(place, byte);
             self.counters.busy_ns += end_ns - start_ns.max(self.busy_until_ns.min(end_ns));
             self.busy_until_ns = self.busy_until_ns.max(end_ns);
             start_ns = end_ns;
@@ -177,14 +199,31 @@ impl Bus {
     /// Instant of the next byte's stop bit, if any byte is on the wire [ns].
     #[must_use]
     pub fn next_delivery_ns(&self) -> Option<u64> {
-        self.in_flight.iter().map(|byte| byte.end_ns).min()
+        self.in_flight.front().map(|byte| byte.end_ns)
+    }
+
+    /// When the master has heard `count` of the bytes on the wire, or nobody has been heard for more than `idle_ns` after one of them: the first of
+    /// both [ns]. `None` with nothing on the wire.
+    #[must_use]
+    pub fn pause_ns(&self, count: usize, idle_ns: u64) -> Option<u64> {
+        let (mut heard, mut last_ns) = (0, None);
+        for byte in &self.in_flight {
+            if last_ns.is_some_and(|last_ns| byte.end_ns > last_ns + idle_ns) {
+                break;
+            }
+            last_ns = Some(byte.end_ns);
+            heard += usize::from(byte.from != Talker::Master || self.params.echo);
+            if heard >= count {
+                break;
+            }
+        }
+        last_ns
     }
 
     /// Every byte on its way to the master, in order of time, as it will arrive if nobody else starts to talk.
     #[must_use]
     pub fn towards_master(&self) -> Vec<Delivery> {
-        let mut bytes: Vec<_> = self
-            .in_flight
+        self.in_flight
             .iter()
             .filter(|byte| byte.from != Talker::Master || self.params.echo)
             .map(|byte| Delivery {
@@ -193,21 +232,15 @@ impl Bus {
                 byte: byte.byte,
                 clean: byte.clean,
             })
-            .collect();
-        bytes.sort_by_key(|byte| (byte.at_ns, byte.from));
-        bytes
+            .collect()
     }
 
     /// Takes the next byte that has fully passed by `until_ns`.
     pub fn deliver(&mut self, until_ns: u64) -> Option<Delivery> {
-        let at = self
-            .in_flight
-            .iter()
-            .enumerate()
-            .filter(|(_, byte)| byte.end_ns <= until_ns)
-            .min_by_key(|(_, byte)| (byte.end_ns, byte.from))
-            .map(|(index, _)| index)?;
-        let passed = self.in_flight.swap_remove(at);
+        if self.in_flight.front()?.end_ns > until_ns {
+            return None;
+        }
+        let passed = self.in_flight.pop_front()?;
         let byte = if passed.clean {
             passed.byte
         } else {

@@ -412,14 +412,12 @@ impl IdealMotors {
         self.drivers[joint].1.taken.clone()
     }
 
-    /// Puts the bursts of babble on the wire that begin by `now_ns`.
-    fn burst(&mut self, now_ns: u64) {
-        while self.noise.babble && self.burst_ns <= now_ns {
-            let burst: [u8; BURST_BYTES] = std::array::from_fn(|_| self.rng.next_u64() as u8);
-            let stranger = Talker::Driver(usize::MAX);
-            self.bus.send(self.burst_ns, stranger, &burst);
-            self.burst_ns += BURST_EVERY_NS;
-        }
+    /// Puts a burst of babble on the wire.
+    fn burst(&mut self) {
+        let burst: [u8; BURST_BYTES] = std::array::from_fn(|_| self.rng.next_u64() as u8);
+        let stranger = Talker::Driver(usize::MAX);
+        self.bus.send(self.burst_ns, stranger, &burst);
+        self.burst_ns += BURST_EVERY_NS;
     }
 
     /// The byte as everybody on the wire receives it.
@@ -432,57 +430,85 @@ impl IdealMotors {
         byte ^ flipped ^ if self.babbling { 0x5A } else { 0 }
     }
 
+    /// Everything until `now_ns`, in order of time: however often somebody looks, the same happens.
     fn run_to(&mut self, now_ns: u64) {
-        self.burst(now_ns);
-        while let Some(delivery) = self.bus.deliver(now_ns) {
-            let byte = self.disturb(delivery.byte);
-            for index in 0..self.drivers.len() {
-                let own = delivery.from == Talker::Driver(index);
-                let (server, driver) = &mut self.drivers[index];
-                if own || driver.trouble == Trouble::Missing {
-                    continue;
-                }
-                let reply = server.push(byte, delivery.at_ns, driver);
-                let mute = driver.trouble == Trouble::Mute;
-                let reply = reply.filter(|_| !mute);
-                if let Some(reply) = reply.filter(|_| !self.rng.chance(self.noise.reply_loss)) {
-                    self.bus.send(
-                        reply.send_at_ns.max(delivery.at_ns),
-                        Talker::Driver(index),
-                        &reply.bytes,
-                    );
-                }
+        loop {
+            let burst_ns = self.burst_due_ns().unwrap_or(u64::MAX);
+            let deadline_ns = self.deadline_ns().unwrap_or(u64::MAX);
+            let byte_ns = self.bus.next_delivery_ns().unwrap_or(u64::MAX);
+            if burst_ns.min(deadline_ns).min(byte_ns) > now_ns {
+                break;
             }
-            let heard = delivery.from != Talker::Master || self.bus.params().echo || self.babbling;
-            if heard {
-                self.heard += 1;
-                let lost = self.drop_every != 0 && self.heard.is_multiple_of(self.drop_every);
-                let received = if delivery.clean {
-                    Received::Byte(byte)
-                } else {
-                    Received::Spoiled
-                };
-                if !lost {
-                    self.inbox.push_back((delivery.at_ns, received));
-                }
-            }
-        }
-        for index in 0..self.drivers.len() {
-            let (server, driver) = &mut self.drivers[index];
-            let at_ns = server.deadline_ns().unwrap_or(u64::MAX);
-            let quiet = matches!(driver.trouble, Trouble::Missing | Trouble::Mute);
-            if at_ns <= now_ns
-                && let Some(reply) = server.poll(now_ns)
-                && !quiet
-            {
-                self.bus.send(
-                    reply.send_at_ns.max(now_ns),
-                    Talker::Driver(index),
-                    &reply.bytes,
-                );
+            if burst_ns <= byte_ns.min(deadline_ns) {
+                self.burst();
+            } else if byte_ns <= deadline_ns {
+                self.pass_byte(byte_ns);
+            } else {
+                self.answer_late(deadline_ns);
             }
         }
         self.now_ns = self.now_ns.max(now_ns);
+    }
+
+    fn burst_due_ns(&self) -> Option<u64> {
+        self.noise.babble.then_some(self.burst_ns)
+    }
+
+    fn deadline_ns(&self) -> Option<u64> {
+        let deadlines = self.drivers.iter();
+        deadlines
+            .filter_map(|(server, _)| server.deadline_ns())
+            .min()
+    }
+
+    /// The next byte on the wire has passed.
+    fn pass_byte(&mut self, at_ns: u64) {
+        let Some(delivery) = self.bus.deliver(at_ns) else {
+            return;
+        };
+        let byte = self.disturb(delivery.byte);
+        for index in 0..self.drivers.len() {
+            let own = delivery.from == Talker::Driver(index);
+            let (server, driver) = &mut self.drivers[index];
+            if own || driver.trouble == Trouble::Missing {
+                continue;
+            }
+            let mute = driver.trouble == Trouble::Mute;
+            let Some(reply) = server.push(byte, delivery.at_ns, driver) else {
+                continue;
+            };
+            if !mute && !self.rng.chance(self.noise.reply_loss) {
+                let send_at_ns = reply.send_at_ns.max(delivery.at_ns);
+                self.bus
+                    .send(send_at_ns, Talker::Driver(index), &reply.bytes);
+            }
+        }
+        let heard = delivery.from != Talker::Master || self.bus.params().echo || self.babbling;
+        if heard {
+            self.heard += 1;
+            let lost = self.drop_every != 0 && self.heard.is_multiple_of(self.drop_every);
+            let received = if delivery.clean {
+                Received::Byte(byte)
+            } else {
+                Received::Spoiled
+            };
+            if !lost {
+                self.inbox.push_back((delivery.at_ns, received));
+            }
+        }
+    }
+
+    /// Drivers that have waited long enough for those ahead of them.
+    fn answer_late(&mut self, at_ns: u64) {
+        for index in 0..self.drivers.len() {
+            let (server, driver) = &mut self.drivers[index];
+            let quiet = matches!(driver.trouble, Trouble::Missing | Trouble::Mute);
+            if let Some(reply) = server.poll(at_ns).filter(|_| !quiet) {
+                let send_at_ns = reply.send_at_ns.max(at_ns);
+                self.bus
+                    .send(send_at_ns, Talker::Driver(index), &reply.bytes);
+            }
+        }
     }
 }
 
@@ -502,15 +528,30 @@ impl MotorBus for IdealMotors {
     }
 
     fn next_event_ns(&self) -> Option<u64> {
-        let deadlines = self
-            .drivers
-            .iter()
-            .filter_map(|(server, _)| server.deadline_ns());
-        deadlines
-            .chain(self.noise.babble.then_some(self.burst_ns))
-            .chain(self.bus.next_delivery_ns())
-            .filter(|at| *at > self.now_ns)
-            .min()
+        [
+            self.deadline_ns(),
+            self.burst_due_ns(),
+            self.bus.next_delivery_ns(),
+        ]
+        .into_iter()
+        .flatten()
+        .filter(|at| *at > self.now_ns)
+        .min()
+    }
+
+    fn next_pause_ns(&self, count: usize, idle_ns: u64) -> Option<u64> {
+        if self.babbling {
+            return self.next_event_ns();
+        }
+        [
+            self.deadline_ns(),
+            self.burst_due_ns(),
+            self.bus.pause_ns(count, idle_ns),
+        ]
+        .into_iter()
+        .flatten()
+        .filter(|at| *at > self.now_ns)
+        .min()
     }
 
     fn wire(&self) -> Option<&Bus> {

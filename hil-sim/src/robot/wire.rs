@@ -29,6 +29,12 @@ pub trait MotorBus {
     /// When the next byte passes the wire, if one is on its way, ns.
     fn next_event_ns(&self) -> Option<u64>;
 
+    /// The first instant at which a master that gathers `count` bytes, or waits for `idle_ns` of silence, has something to take [ns]. A
+    /// bus that cannot tell says when the next byte passes.
+    fn next_pause_ns(&self, _count: usize, _idle_ns: u64) -> Option<u64> {
+        self.next_event_ns()
+    }
+
     /// The wire itself, if what is on it arrives as it is: a look ahead for a master that cannot ask at every byte.
     /// `None` while something may still change or swallow bytes.
     fn wire(&self) -> Option<&Bus> {
@@ -114,7 +120,8 @@ impl<M: MotorBus> BusEnd<M> {
         let next_ns = motors.next_event_ns();
         let busy = next_ns.is_some_and(|at| at <= now_ns + IDLE_NS);
         if self.inbox.is_empty() || self.inbox.len() < GATHER_BYTES && busy {
-            if let Some(at_ns) = next_ns {
+            let wanted = GATHER_BYTES.saturating_sub(self.inbox.len()).max(1);
+            if let Some(at_ns) = motors.next_pause_ns(wanted, IDLE_NS) {
                 self.clock.poll_again_at(at_ns.div_ceil(1000));
             }
             return None;

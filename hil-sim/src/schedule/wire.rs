@@ -177,4 +177,9 @@ impl MotorBus for Watched {
         let held = self.held.iter().map(|(at_ns, _)| *at_ns).min();
         self.motors.next_event_ns().into_iter().chain(held).min()
     }
+    fn next_pause_ns(&self, count: usize, idle_ns: u64) -> Option<u64> {
+        let held = self.held.iter().map(|(at_ns, _)| *at_ns).min();
+        let pause = self.motors.next_pause_ns(count, idle_ns);
+        pause.into_iter().chain(held).min()
+    }
 }

@@ -2,8 +2,8 @@
 
 use hil_sim::schedule::{Cut, Kind, Plan, many, play};
 
-/// Schedules that every run of the tests plays: about 20 s of processor time.
-const SCHEDULES: u64 = 1_000;
+/// Schedules that every run of the tests plays: about a minute of processor time.
+const SCHEDULES: u64 = 2_000;
 
 fn threads() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)

@@ -271,6 +271,8 @@ pub struct Parser {
     longest: usize,
     /// No more bytes will come: what is incomplete is damaged.
     ended: bool,
+    /// Before this place is filled the packet that begins at `start` is not whole.
+    whole_at: usize,
     params: PacketBuf,
     counters: ParserCounters,
 }
@@ -291,6 +293,7 @@ impl Parser {
             end: 0,
             longest: MAX_PACKET,
             ended: false,
+            whole_at: 0,
             params: Vec::new(),
             counters: ParserCounters {
                 packets: 0,
@@ -316,6 +319,7 @@ impl Parser {
     pub fn clear(&mut self) {
         self.start = 0;
         self.end = 0;
+        self.whole_at = 0;
     }
 
     /// Whether no byte waits for more.
@@ -333,6 +337,12 @@ impl Parser {
             *place = byte;
             self.end = self.end.saturating_add(1);
         }
+    }
+
+    /// Whether [`Parser::next_packet`] has anything to do: false while bytes of a packet are still to come.
+    #[must_use]
+    pub fn is_due(&self) -> bool {
+        self.end >= self.whole_at || self.ended
     }
 
     /// The next whole packet, if there is one.
@@ -364,11 +374,15 @@ impl Parser {
 
     /// Length of the packet that begins at `start`; skips what cannot be one.
     fn scan(&mut self) -> Option<usize> {
+        if !self.is_due() {
+            return None;
+        }
+        self.whole_at = 0;
         // Every pass but the last skips at least one byte.
         for _ in 0..=MAX_PACKET {
             let view = self.bytes.get(self.start..self.end)?;
             let Some(&[id, low, high]) = view.get(4..PREFIX) else {
-                let may_go_on = !self.ended && HEADER.starts_with(view.get(..4).unwrap_or(view));
+                let may_go_on = !self.ended && view.iter().zip(HEADER).all(|(a, b)| *a == b);
                 if may_go_on || view.is_empty() {
                     return None;
                 }
@@ -391,6 +405,7 @@ impl Parser {
                         self.skip_byte();
                         continue;
                     }
+                    self.whole_at = self.start.saturating_add(total);
                     return None;
                 };
                 if crc16(checked) == u16::from_le_bytes(*crc) {
@@ -423,6 +438,7 @@ impl Parser {
         }
         self.start = 0;
         self.end = to;
+        self.whole_at = 0;
     }
 }
 

@@ -188,6 +188,26 @@ impl DriverServer {
             return self.hear_fast(byte, now_ns, handler);
         }
         self.parser.push(byte);
+        if !self.parser.is_due() {
+            self.wait_on(now_ns);
+            return None;
+        }
+        let reply = self.hear_packets(now_ns, handler);
+        self.wait_on(now_ns);
+        reply
+    }
+
+    /// The bus is not silent: drivers ahead in a Sync Read are waited for anew.
+    fn wait_on(&mut self, now_ns: u64) {
+        if let Some(Turn::Sync {
+            ahead, deadline_ns, ..
+        }) = &mut self.turn
+        {
+            *deadline_ns = now_ns.saturating_add(SKIP_NS.saturating_mul(ahead.len() as u64));
+        }
+    }
+
+    fn hear_packets<H: DriverHandler>(&mut self, now_ns: u64, handler: &mut H) -> Option<Reply> {
         let mut reply = None;
         // Each packet has at least 10 bytes, so a full buffer holds at most 32.
         for _ in 0..32 {
@@ -197,12 +217,6 @@ impl DriverServer {
             let request = Request::of(&packet);
             let fresh = self.parser.is_empty();
             reply = self.hear(request, fresh, now_ns, handler).or(reply);
-        }
-        if let Some(Turn::Sync {
-            ahead, deadline_ns, ..
-        }) = &mut self.turn
-        {
-            *deadline_ns = now_ns.saturating_add(SKIP_NS.saturating_mul(ahead.len() as u64));
         }
         reply
     }
