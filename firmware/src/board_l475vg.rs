@@ -113,6 +113,9 @@ fn clocks() -> embassy_stm32::Config {
     config
 }
 
+/// Value of the option bytes' field RDP without readout protection.
+const RDP_OPEN: u8 = 0xAA;
+
 fn reset_cause() -> ResetCause {
     let flags = pac::RCC.csr().read();
     pac::RCC.csr().modify(|w| w.set_rmvf(true));
@@ -169,6 +172,11 @@ impl Board for L475 {
 
     fn entropy(&mut self) -> Result<[u8; 16], EntropyError> {
         self.rng.seed()
+    }
+
+    fn flash_readable(&self) -> bool {
+        // Level 0 of the readout protection (RM0351 section 3.7.8).
+        pac::FLASH.optr().read().rdp() == RDP_OPEN
     }
 
     fn pet_watchdog(&mut self) {

@@ -172,6 +172,9 @@ pub trait Board {
     /// They seed the boot id and the challenges; a generator that fails its test ([`crate::entropy::collect`]) gives an error, never a guess. Bounded.
     fn entropy(&mut self) -> Result<[u8; 16], EntropyError>;
 
+    /// Whether a debug probe can read the flash, and the key in it.
+    fn flash_readable(&self) -> bool;
+
     /// Restarts the independent watchdog (period <= 200 ms). Called once per complete cycle and nowhere else.
     fn pet_watchdog(&mut self);
 

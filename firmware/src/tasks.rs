@@ -103,6 +103,7 @@ fn boot<C: Clock, S: SlotStore, P: Board>(
         unique_id: board.unique_id(),
         board: board.name(),
         entropy: board.entropy(),
+        flash_readable: board.flash_readable(),
         crash,
         now_us: clock.now_us(),
     };

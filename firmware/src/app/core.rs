@@ -85,6 +85,19 @@ pub(crate) enum Job {
     },
 }
 
+impl Job {
+    /// The link whose host ordered it.
+    pub(crate) fn link(&self) -> usize {
+        match self {
+            Self::Put { link, .. }
+            | Self::Erase { link, .. }
+            | Self::Activate { link, .. }
+            | Self::SetKey { link, .. }
+            | Self::SetDrivers { link, .. } => *link,
+        }
+    }
+}
+
 /// A raw packet of a host for the motor bus.
 #[derive(Debug)]
 pub(crate) struct BusJob {
@@ -200,6 +213,8 @@ pub struct Core {
     pub(crate) boot_id: u32,
     /// Seed of the challenges; without one no challenge is given and nothing is started.
     pub(crate) entropy: Option<[u8; 16]>,
+    /// A debug probe can read the flash.
+    pub(crate) flash_readable: bool,
     /// Something happened that voids the open challenges of every link.
     pub(crate) void_challenges: bool,
     pub(crate) nonces: u32,
@@ -252,6 +267,7 @@ impl Core {
             robot_id: 1,
             boot_id: 1,
             entropy: None,
+            flash_readable: false,
             void_challenges: false,
             nonces: 0,
             reboot_at_us: None,
@@ -282,6 +298,13 @@ impl Core {
 
     pub(crate) fn event(&mut self, kind: EventKind) {
         self.events.push(self.now_us, kind);
+    }
+
+    /// A key that anybody with a probe can read is worth a word: at boot, and when it is set.
+    pub(crate) fn warn_of_readable_key(&mut self) {
+        if self.flash_readable && self.settings.key.is_some() {
+            self.event(EventKind::KeyReadable);
+        }
     }
 
     /// Takes one event to the supervisor and notes what came of it.
@@ -357,6 +380,13 @@ impl Core {
             *place = byte;
         }
         Ok(Nonce(nonce))
+    }
+
+    /// The link whose host has something under way: a run, a flash job, a packet on the bus.
+    pub(crate) fn holder(&self) -> Option<usize> {
+        let run = self.run.as_ref().map(|run| run.link);
+        let job = self.job.as_ref().map(Job::link);
+        run.or(job).or(self.bus_job.as_ref().map(|job| job.link))
     }
 
     /// Refuses what would write flash: while something moves, while other work is under way, on a low battery.

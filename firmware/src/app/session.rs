@@ -35,6 +35,20 @@ impl Visitor<'_> {
         self.core.sessions.get_mut(self.link)
     }
 
+    /// A refusal because something is under way says who holds the robot, if that is the host of another link.
+    fn or_held(&self, reject: Reject) -> Reject {
+        let other = self.core.holder().filter(|link| *link != self.link);
+        match (reject, other) {
+            // There are two links.
+            (Reject::State { .. } | Reject::Busy, Some(link)) => Reject::Held { link: link as u8 },
+            (reject, _) => reject,
+        }
+    }
+
+    fn may_write(&self) -> Result<(), Reject> {
+        self.core.may_write().map_err(|reject| self.or_held(reject))
+    }
+
     fn slot(&self, slot: u8) -> Result<usize, Reject> {
         let index = usize::from(slot);
         if index < GAIT_SLOTS {
@@ -150,7 +164,7 @@ impl ModuleHandler for Visitor<'_> {
         gait: &WireGait,
     ) -> Result<Outcome<StoredGait>, Reject> {
         let slot = self.slot(slot)?;
-        self.core.may_write()?;
+        self.may_write()?;
         let checked =
             Gait::try_from(gait).map_err(|error| Reject::Gait(GaitReject::from(error)))?;
         checked
@@ -188,7 +202,7 @@ impl ModuleHandler for Visitor<'_> {
     }
 
     fn activate_slot(&mut self, slot: u8) -> Result<Outcome, Reject> {
-        self.core.may_write()?;
+        self.may_write()?;
         self.stored(slot)?;
         self.core.job = Some(Job::Activate {
             link: self.link,
@@ -198,7 +212,7 @@ impl ModuleHandler for Visitor<'_> {
     }
 
     fn erase_slot(&mut self, slot: u8) -> Result<Outcome, Reject> {
-        self.core.may_write()?;
+        self.may_write()?;
         self.stored(slot)?;
         if self.core.settings.active == Some(slot) {
             return Err(Reject::SlotActive);
@@ -216,7 +230,7 @@ impl ModuleHandler for Visitor<'_> {
             return Err(Reject::NoEntropy);
         }
         if self.core.job.is_some() || self.core.bus_job.is_some() {
-            return Err(Reject::Busy);
+            return Err(self.or_held(Reject::Busy));
         }
         if self.core.inputs.stop_pressed {
             return Err(Reject::StopInputActive);
@@ -236,7 +250,7 @@ impl ModuleHandler for Visitor<'_> {
         if self.core.run.is_some() {
             // Its hold may be over since the last cycle, but no cycle has let the drivers go and told its end.
             let state = self.core.state();
-            return Err(Reject::State { state });
+            return Err(self.or_held(Reject::State { state }));
         }
         self.core.supervise(SupervisorEvent::Order(Order::Start {
             duration_us: u64::from(order.duration_ms).saturating_mul(1_000),
@@ -294,10 +308,9 @@ impl ModuleHandler for Visitor<'_> {
         if joint_mask == 0 || joint_mask & !ALL_JOINTS != 0 {
             return Err(Reject::JointMask);
         }
-        if !matches!(self.core.state(), ModuleState::Unhomed | ModuleState::Idle) {
-            return Err(Reject::State {
-                state: self.core.state(),
-            });
+        let state = self.core.state();
+        if !matches!(state, ModuleState::Unhomed | ModuleState::Idle) {
+            return Err(self.or_held(Reject::State { state }));
         }
         let wrong = self
             .core
@@ -352,7 +365,7 @@ impl ModuleHandler for Visitor<'_> {
     }
 
     fn bus_raw(&mut self, bytes: &[u8], listen_ms: u16) -> Result<Outcome<BusAnswer>, Reject> {
-        self.core.may_write().or_else(|reject| match reject {
+        self.may_write().or_else(|reject| match reject {
             // Reading a bus needs no battery.
             Reject::Battery { .. } => Ok(()),
             other => Err(other),
@@ -373,7 +386,7 @@ impl ModuleHandler for Visitor<'_> {
     }
 
     fn set_key(&mut self, key: &Key) -> Result<Outcome, Reject> {
-        self.core.may_write()?;
+        self.may_write()?;
         self.core.job = Some(Job::SetKey {
             link: self.link,
             key: *key,
@@ -383,9 +396,8 @@ impl ModuleHandler for Visitor<'_> {
 
     fn reset(&mut self) -> Result<Outcome, Reject> {
         if self.core.in_motion() {
-            return Err(Reject::State {
-                state: self.core.state(),
-            });
+            let state = self.core.state();
+            return Err(self.or_held(Reject::State { state }));
         }
         self.core.reboot_at_us = Some(self.core.now_us.saturating_add(RESET_DELAY_US));
         Ok(Outcome::Done(()))
@@ -396,7 +408,7 @@ impl ModuleHandler for Visitor<'_> {
     }
 
     fn set_drivers(&mut self, profile: Profile) -> Result<Outcome, Reject> {
-        self.core.may_write()?;
+        self.may_write()?;
         self.core.job = Some(Job::SetDrivers {
             link: self.link,
             profile,

@@ -36,6 +36,8 @@ pub struct BootFacts {
     pub board: &'static str,
     /// Bytes that differ at every boot, or why there are none.
     pub entropy: Result<[u8; 16], EntropyError>,
+    /// Whether a debug probe can read the flash.
+    pub flash_readable: bool,
     /// Fault record that survived the reset.
     pub crash: Option<CrashRecord>,
     /// Time since boot, us.
@@ -51,6 +53,7 @@ impl Core {
         self.cause = facts.cause;
         self.board = facts.board;
         self.entropy = facts.entropy.ok();
+        self.flash_readable = facts.flash_readable;
         let hash = sha2::Sha256::new().chain_update(facts.unique_id).finalize();
         self.robot_id = hash.first().map_or(1, |byte| byte % 254 + 1);
         let hash = sha2::Sha256::new()
@@ -74,6 +77,7 @@ impl Core {
         }
         self.keep_crash(store, facts.crash.as_ref());
         self.event(boot_event(self));
+        self.warn_of_readable_key();
         // Never refused: nothing else has happened yet.
         let _ = self.supervise(SupervisorEvent::Booted);
         if self.entropy.is_none() {
@@ -237,6 +241,7 @@ impl Core {
             },
         )?;
         self.event(EventKind::KeySet);
+        self.warn_of_readable_key();
         Ok(Completed::Ack)
     }
 

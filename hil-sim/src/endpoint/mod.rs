@@ -37,6 +37,14 @@ pub trait Endpoint: Send {
     /// The stream is gone for good.
     fn write(&mut self, bytes: &[u8]) -> Result<(), EndpointError>;
 
+    /// Clients that came while another one is there: `answer` gets what one of them sends, and gives what it hears. A stream of one wire has none.
+    ///
+    /// # Errors
+    /// The stream is gone for good.
+    fn others(&mut self, _answer: &mut dyn FnMut(&[u8]) -> Vec<u8>) -> Result<(), EndpointError> {
+        Ok(())
+    }
+
     /// Whether a client is there, where the stream can tell.
     fn connected(&self) -> bool {
         true

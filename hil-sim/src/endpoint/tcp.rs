@@ -1,4 +1,4 @@
-//! A TCP listener: one client at a time.
+//! A TCP listener: one client at a time. Others are answered that it is there.
 
 use std::collections::VecDeque;
 use std::io::{ErrorKind, Read, Write};
@@ -14,6 +14,8 @@ pub struct Tcp {
     listener: TcpListener,
     local: SocketAddr,
     client: Option<Client>,
+    /// Who came while it was there.
+    others: Vec<Client>,
     clients: u64,
 }
 
@@ -34,6 +36,7 @@ impl Tcp {
             listener,
             local,
             client: None,
+            others: Vec::new(),
             clients: 0,
         })
     }
@@ -51,22 +54,32 @@ impl Tcp {
         }
     }
 
-    /// Takes a waiting client, if any.
-    fn accept(&mut self) -> Result<bool, EndpointError> {
+    /// A client that waits, if any.
+    fn accept(&mut self) -> Result<Option<Client>, EndpointError> {
         match self.listener.accept() {
-            Ok((stream, _)) => {
-                self.client = Some(Client::new(stream).map_err(|error| self.broken(error))?);
-                self.clients += 1;
-                Ok(true)
-            }
-            Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(false),
+            Ok((stream, _)) => Ok(Some(
+                Client::new(stream).map_err(|error| self.broken(error))?,
+            )),
+            Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(None),
             Err(error) => Err(self.broken(error)),
         }
+    }
+
+    /// Takes a client, if one is there.
+    fn take_client(&mut self) -> Result<bool, EndpointError> {
+        self.client = match self.others.pop() {
+            Some(waiting) => Some(waiting),
+            None => self.accept()?,
+        };
+        self.clients += u64::from(self.client.is_some());
+        Ok(self.client.is_some())
     }
 }
 
 /// Parts of a client's bytes that wait to be taken, at most; the socket holds the rest back.
 const WAITING: usize = 16;
+/// Clients that are told that another one is there; more wait without a word.
+const OTHERS: usize = 4;
 /// Bytes read at once.
 const PART: usize = 4096;
 /// A client that takes nothing for this long has hung: it is dropped, or it would hold the emulation up.
@@ -136,7 +149,7 @@ impl Endpoint for Tcp {
     }
 
     fn read(&mut self, into: &mut [u8], patience: Duration) -> Result<usize, EndpointError> {
-        if self.client.is_none() && !self.accept()? {
+        if self.client.is_none() && !self.take_client()? {
             std::thread::sleep(patience);
             return Ok(0);
         }
@@ -157,6 +170,24 @@ impl Endpoint for Tcp {
         {
             self.client = None;
         }
+        Ok(())
+    }
+
+    fn others(&mut self, answer: &mut dyn FnMut(&[u8]) -> Vec<u8>) -> Result<(), EndpointError> {
+        if self.client.is_none() {
+            return Ok(());
+        }
+        if self.others.len() < OTHERS {
+            let other = self.accept()?;
+            self.others.extend(other);
+        }
+        let mut part = [0; PART];
+        self.others.retain_mut(|other| {
+            let Some(count) = other.read(&mut part, Duration::ZERO) else {
+                return false;
+            };
+            count == 0 || other.stream.write_all(&answer(&part[..count])).is_ok()
+        });
         Ok(())
     }
 

@@ -25,6 +25,7 @@ struct State {
     rng: ChaCha8Rng,
     broken_rng: Option<u32>,
     unique_id: [u8; 12],
+    flash_readable: bool,
 }
 
 /// Handle to the emulated board; clones are the same board.
@@ -57,6 +58,7 @@ impl EmulatedBoard {
             rng,
             broken_rng: None,
             unique_id,
+            flash_readable: false,
         };
         Self {
             clock,
@@ -72,6 +74,11 @@ impl EmulatedBoard {
     /// From the next boot on the random number generator gives this word for ever; `None` = works.
     pub fn break_rng(&self, word: Option<u32>) {
         self.state.borrow_mut().broken_rng = word;
+    }
+
+    /// Takes the readout protection away, or sets it.
+    pub fn set_flash_readable(&self, readable: bool) {
+        self.state.borrow_mut().flash_readable = readable;
     }
 
     /// Presses or releases the STOP input.
@@ -161,6 +168,10 @@ impl Board for BoardOfOneBoot {
                 Ok(bytes)
             }
         }
+    }
+
+    fn flash_readable(&self) -> bool {
+        self.board.state.borrow().flash_readable
     }
 
     fn pet_watchdog(&mut self) {

@@ -4,6 +4,9 @@
 use super::EmulatedRobot;
 use super::wire::MotorBus;
 use crate::endpoint::{Endpoint, EndpointError};
+use protocol::link::{
+    Decoder, FromModule, Header, MAX_FRAME, Message, Reject, SOURCE_HOST, ToModule, encode,
+};
 use std::ops::ControlFlow;
 use std::time::{Duration, Instant};
 
@@ -58,8 +61,10 @@ pub fn serve<M: MotorBus + 'static>(
     let (mut last_status, mut behind_us) = (start, 0);
     let mut input = [0; 1024];
     let mut client = (endpoint.connected(), endpoint.clients());
+    let mut others = Decoder::new();
     loop {
         let count = endpoint.read(&mut input, PATIENCE)?;
+        endpoint.others(&mut |bytes| answer_other(robot, &mut others, bytes))?;
         client = follow_client(robot, endpoint, client);
         let mut now_us = offset_us + start.elapsed().as_micros() as u64;
         let late_us = now_us
@@ -90,6 +95,44 @@ pub fn serve<M: MotorBus + 'static>(
             }
         }
     }
+}
+
+/// What a second client on the line of the first hears: that the robot is held. STOP goes through.
+fn answer_other<M: MotorBus + 'static>(
+    robot: &EmulatedRobot<M>,
+    decoder: &mut Decoder,
+    bytes: &[u8],
+) -> Vec<u8> {
+    let mut answers = Vec::new();
+    for byte in bytes {
+        let Some(frame) = decoder.push(*byte) else {
+            continue;
+        };
+        let (header, request) = (frame.header, frame.kind());
+        if header.source != SOURCE_HOST {
+            continue;
+        }
+        let mut out = [0; MAX_FRAME];
+        let answer = if request == ToModule::Stop.kind() {
+            if let Ok(length) = encode(&header, &ToModule::Stop, &mut out) {
+                robot.link().write(&out[..length]);
+            }
+            FromModule::Ack { request }
+        } else {
+            // The emulated robot's cable is its link 0.
+            let reason = Reject::Held { link: 0 };
+            FromModule::Nack { request, reason }
+        };
+        // Of no boot and no robot: whoever hears it has no session.
+        let header = Header {
+            source: u8::MAX,
+            ..header
+        };
+        if let Ok(length) = encode(&header, &answer, &mut out) {
+            answers.extend_from_slice(&out[..length]);
+        }
+    }
+    answers
 }
 
 /// A client that left takes what is under way with it, and the robot is told that the link is gone: the next client finds a free line.

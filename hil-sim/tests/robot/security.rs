@@ -7,7 +7,9 @@ use firmware::crash::{BLOCK_BYTES, CrashKind, CrashRecord};
 use firmware::ports::ResetCause;
 use hil_sim::robot::Setup;
 use hil_sim::robot::host::{AskError, SimHost};
-use protocol::link::{FromModule, KEY_LEN, Key, ModuleState, Reject, Tag, TelemetryRate, ToModule};
+use protocol::link::{
+    EventKind, FromModule, KEY_LEN, Key, ModuleState, Reject, Tag, TelemetryRate, ToModule,
+};
 
 fn setup() -> Setup {
     Setup {
@@ -247,4 +249,89 @@ fn a_flood_at_line_rate_delays_neither_the_cycle_nor_stop() {
         .wait_for_end(&mut robot, 12_000_000)
         .expect("the ramp ends");
     assert_eq!(end.reason, protocol::link::EndReason::Stopped);
+}
+
+/// A second client learns who holds the robot, and what he may still do.
+#[test]
+fn a_second_host_is_told_who_holds_the_robot() {
+    let (mut robot, mut cable, digest) = ready_with(setup(), 0);
+    let key = Key([5; KEY_LEN]);
+    cable
+        .ask(&mut robot, &ToModule::SetKey { key })
+        .expect("over the cable");
+    let mut radio = SimHost::new(robot.radio());
+    for host in [&mut cable, &mut radio] {
+        host.set_key(Some(key));
+        host.hello(&mut robot).expect("answers");
+    }
+    radio
+        .start(&mut robot, 0, digest, 2_000, TelemetryRate::Off)
+        .expect("free");
+    robot.run_for(2_000_000);
+    let held = Err(AskError::Rejected(Reject::Held { link: 1 }));
+    let tag = Tag::NONE;
+    assert_eq!(
+        cable.start(&mut robot, 0, digest, 500, TelemetryRate::Off),
+        held
+    );
+    for order in [
+        ToModule::EraseSlot { slot: 1, tag },
+        ToModule::Zero {
+            joint_mask: 63,
+            tag,
+        },
+        ToModule::Reset { tag },
+        ToModule::SetKey { key },
+    ] {
+        assert_eq!(cable.ask(&mut robot, &order), held, "{order:?}");
+    }
+    // To the holder himself it is a state, not somebody else.
+    let own = radio.start(&mut robot, 0, digest, 500, TelemetryRate::Off);
+    let state = ModuleState::Run;
+    assert_eq!(own, Err(AskError::Rejected(Reject::State { state })));
+
+    cable.ask(&mut robot, &ToModule::Stop).expect("anybody");
+    radio.wait_for_end(&mut robot, 12_000_000).expect("stops");
+    cable
+        .start(&mut robot, 0, digest, 500, TelemetryRate::Off)
+        .expect("free again");
+}
+
+#[test]
+fn a_key_that_a_probe_can_read_is_told_at_every_boot_and_when_it_is_set() {
+    let key = Key([5; KEY_LEN]);
+    let told = |host: &SimHost| {
+        let events = host.events.iter();
+        events
+            .filter(|event| event.kind == EventKind::KeyReadable)
+            .count()
+    };
+    for readable in [false, true] {
+        let (mut robot, mut host, _) = ready_with(setup(), 0);
+        robot.board().set_flash_readable(readable);
+        robot.reset(ResetCause::PowerOn);
+        robot.run_for(300_000);
+        host.hello(&mut robot).expect("answers");
+        robot.run_for(300_000);
+        host.receive(None);
+        assert_eq!(told(&host), 0, "without a key there is nothing to read");
+        host.ask(&mut robot, &ToModule::SetKey { key })
+            .expect("over the cable");
+        robot.run_for(300_000);
+        host.receive(None);
+        assert_eq!(told(&host), usize::from(readable));
+        robot.reset(ResetCause::PowerOn);
+        robot.run_for(300_000);
+        host.hello(&mut robot).expect("answers");
+        let answer = host.ask(&mut robot, &ToModule::GetEvents { since: 0 });
+        let Ok(FromModule::Events { events, .. }) = answer else {
+            panic!("{answer:?}")
+        };
+        let kinds: Vec<EventKind> = events.iter().map(|event| event.kind).collect();
+        assert_eq!(
+            kinds.contains(&EventKind::KeyReadable),
+            readable,
+            "{kinds:?}"
+        );
+    }
 }

@@ -6,7 +6,9 @@ use hil_sim::robot::ideal::IdealMotors;
 use hil_sim::robot::link::RX_RING_BYTES;
 use hil_sim::robot::serve::{RobotEvent, serve};
 use hil_sim::robot::{EmulatedRobot, Setup};
-use protocol::link::{Client, FromModule, MAX_FRAME, ToModule, VERSION};
+use protocol::link::{
+    Client, EventKind, FromModule, MAX_FRAME, Message, Reject, ToModule, VERSION,
+};
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::ops::ControlFlow;
@@ -116,4 +118,74 @@ fn the_junk_of_a_client_that_left_does_not_reach_the_next_one() {
     let answer = client.join().expect("no panic");
     assert_eq!(answer, FromModule::Ack { request: 9 });
     assert!(robot.link().lost_bytes() > 0);
+}
+
+/// One client's answer to a request over TCP.
+fn ask(stream: &mut TcpStream, client: &mut Client, message: &ToModule) -> FromModule {
+    let mut frame = [0; MAX_FRAME];
+    let (sequence, len) = client.request(message, None, &mut frame).expect("fits");
+    stream
+        .write_all(&frame[..len])
+        .expect("the emulation listens");
+    let mut input = [0; 256];
+    loop {
+        let count = stream.read(&mut input).expect("an answer");
+        assert!(count > 0, "the emulation hung up");
+        for byte in &input[..count] {
+            if let Some(Ok(received)) = client.push(*byte)
+                && received.header.sequence == sequence
+            {
+                return received.message;
+            }
+        }
+    }
+}
+
+#[test]
+fn a_second_client_of_one_line_hears_that_it_is_taken_and_may_stop() {
+    let mut endpoint = Tcp::listen("127.0.0.1:0").expect("a free port");
+    let address = endpoint.local();
+    let clients = std::thread::spawn(move || {
+        let hello = ToModule::Hello { protocol: VERSION };
+        let connect = || TcpStream::connect(address).expect("the emulation listens");
+        let (mut first, mut one) = (connect(), Client::new(7));
+        let answer = ask(&mut first, &mut one, &hello);
+        assert!(matches!(answer, FromModule::Hello(_)), "{answer:?}");
+        let (mut second, mut other) = (connect(), Client::new(90));
+        let request = hello.kind();
+        let reason = Reject::Held { link: 0 };
+        assert_eq!(
+            ask(&mut second, &mut other, &hello),
+            FromModule::Nack { request, reason }
+        );
+        let request = ToModule::Stop.kind();
+        assert_eq!(
+            ask(&mut second, &mut other, &ToModule::Stop),
+            FromModule::Ack { request }
+        );
+        // The robot has heard it.
+        // Eight events of the start stand before it.
+        let events = ask(&mut first, &mut one, &ToModule::GetEvents { since: 8 });
+        let FromModule::Events { events, .. } = events else {
+            panic!("{events:?}")
+        };
+        let stop = EventKind::Stop { input: false };
+        assert!(events.iter().any(|event| event.kind == stop), "{events:?}");
+        // The line is free again when the first has left.
+        drop(first);
+        while !matches!(ask(&mut second, &mut other, &hello), FromModule::Hello(_)) {}
+    });
+    let mut robot = EmulatedRobot::ideal(Setup {
+        link_byte_ns: 0,
+        ..Setup::default()
+    });
+    serve(&mut robot, &mut endpoint, &mut |_| {
+        if clients.is_finished() {
+            ControlFlow::Break(())
+        } else {
+            ControlFlow::Continue(())
+        }
+    })
+    .expect("the listener stays");
+    clients.join().expect("no panic");
 }

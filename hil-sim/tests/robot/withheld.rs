@@ -182,6 +182,8 @@ fn wrong_tags_and_stop_frames_push_no_fault_out_of_the_log() {
         let refused = forger.ask(&mut robot, &ToModule::Zero { joint_mask, tag });
         assert_eq!(refused, Err(AskError::Rejected(Reject::BadTag)));
         forger.ask(&mut robot, &ToModule::Stop).expect("always");
+        // Slowly enough for every one to be looked at.
+        robot.run_for(protocol::link::server::TAG_TRY_US);
     }
     robot.run_for(1_100_000);
     let mut events = Vec::new();

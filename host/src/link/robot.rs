@@ -184,8 +184,27 @@ impl Robot {
                 reason: Reject::NoChallenge,
                 ..
             }) if self.key.is_some() && message.tag().is_some() => self.ask_once(message),
+            // Somebody tries tags on this link: our order was not looked at.
+            Err(LinkError::Refused {
+                reason: Reject::TooManyTags { wait_ms },
+                ..
+            }) => {
+                self.wait(Duration::from_millis(wait_ms.into()))?;
+                self.ask_once(message)
+            }
             other => other,
         }
+    }
+
+    /// Listens for this long.
+    fn wait(&mut self, time: Duration) -> Result<(), LinkError> {
+        let until = self.link.now() + time;
+        while self.link.now() < until {
+            self.check_interrupt()?;
+            let wait = until.saturating_sub(self.link.now()).min(SLICE);
+            self.pump(wait, None)?;
+        }
+        Ok(())
     }
 
     /// HELLO again after a reconnect: fails if the module has restarted since.

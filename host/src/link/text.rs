@@ -174,6 +174,10 @@ pub fn reject(reason: &Reject) -> String {
             "its random number generator failed the self-test, so it starts nothing".to_owned()
         }
         Reject::WrongDriver(wrong) => wrong_driver(wrong),
+        Reject::TooManyTags { wait_ms } => {
+            format!("too many wrong proofs came on this link; it looks at the next in {wait_ms} ms")
+        }
+        Reject::Held { link } => format!("another host holds it, on its link {link}"),
     }
 }
 
@@ -246,6 +250,10 @@ pub fn remedy(reason: &Reject) -> Option<&'static str> {
         Reject::Latched(_) | Reject::EStopLatched => {
             "remove the cause, then `rb-host reset --fault`"
         }
+        Reject::TooManyTags { .. } => {
+            "somebody tries keys on this link: use the cable, or find out who is in radio range"
+        }
+        Reject::Held { .. } => "wait for it to end; `rb-host stop` stops the robot from here too",
         Reject::State { .. } | Reject::Busy => {
             "`rb-host stop` ends a run; `rb-host info` shows the state"
         }
@@ -381,5 +389,9 @@ pub fn event(event: &Event) -> (&'static str, String) {
         EventKind::DriversChanged { profile } => {
             ("drivers_changed", profile.info().title.to_owned())
         }
+        EventKind::KeyReadable => (
+            "key_readable",
+            "a debug probe can read the key: set the readout protection".to_owned(),
+        ),
     }
 }

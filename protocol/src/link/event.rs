@@ -178,6 +178,8 @@ pub enum EventKind {
         /// Profile.
         profile: Profile,
     },
+    /// A key is set, and a debug probe can read it: the readout protection of the flash is off.
+    KeyReadable,
 }
 
 /// What a receiver can report.

@@ -129,6 +129,16 @@ pub enum Reject {
     NoEntropy,
     /// A driver is of another profile than the bus, or does not take its settings: a mixed bus is not driven.
     WrongDriver(WrongDriver),
+    /// Too many wrong tags came on this port: the order was not looked at.
+    TooManyTags {
+        /// Time until the next one is looked at, ms.
+        wait_ms: u16,
+    },
+    /// The host of another link holds the robot: its run or its order is under way.
+    Held {
+        /// Number of that link, 0 or 1.
+        link: u8,
+    },
 }
 
 impl Reject {

@@ -44,6 +44,11 @@ pub enum Outcome<T = ()> {
 /// enough for four tries over a slow radio.
 pub const CHALLENGE_LIFE_US: u64 = 5_000_000;
 
+/// Wrong tags that a port looks at one after the other.
+pub const TAG_TRIES: u64 = 16;
+/// From then on it looks at one in this time, us. A tag of 128 bits cannot be guessed at any rate; the limit bounds what a flood of forged orders costs.
+pub const TAG_TRY_US: u64 = 125_000;
+
 /// A start order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -212,6 +217,27 @@ struct Challenge {
     since_us: u64,
 }
 
+/// How many wrong tags came of late: a bucket that holds [`TAG_TRIES`] and loses one every [`TAG_TRY_US`].
+#[derive(Debug, Clone, Copy)]
+struct Tries {
+    empty_at_us: u64,
+}
+
+impl Tries {
+    fn count(&mut self, now_us: u64) {
+        self.empty_at_us = self.empty_at_us.max(now_us).saturating_add(TAG_TRY_US);
+    }
+
+    /// Time until the next tag is looked at, us; `None` = now.
+    fn wait_us(&self, now_us: u64) -> Option<u64> {
+        let filled_us = self.empty_at_us.saturating_sub(now_us);
+        let most_us = TAG_TRY_US.saturating_mul(TAG_TRIES.saturating_sub(1));
+        filled_us
+            .checked_sub(most_us)
+            .filter(|wait_us| *wait_us > 0)
+    }
+}
+
 /// One port's end of the link.
 #[derive(Debug)]
 pub struct Server {
@@ -220,6 +246,7 @@ pub struct Server {
     boot_id: u32,
     decoder: Decoder,
     challenge: Option<Challenge>,
+    tries: Tries,
     kept: Option<Kept>,
     next_sequence: u16,
 }
@@ -244,6 +271,7 @@ impl Server {
             boot_id,
             decoder: Decoder::new(),
             challenge: None,
+            tries: Tries { empty_at_us: 0 },
             kept: None,
             next_sequence: 0,
         }
@@ -293,7 +321,10 @@ impl Server {
         let young = |open: &Challenge| now_us.saturating_sub(open.since_us) < CHALLENGE_LIFE_US;
         self.challenge = self.challenge.filter(young);
         let nonce = self.challenge.map(|open| open.nonce);
-        let proof = Proof::check(&frame, &decoded, nonce.as_ref(), handler);
+        let proof = match self.tries.wait_us(now_us) {
+            Some(wait_us) if handler.key().is_some() => Proof::Unseen { wait_us },
+            _ => Proof::check(&frame, &decoded, nonce.as_ref(), handler),
+        };
         if let Err(error) = decoded {
             self.decoder.count(error);
         }
@@ -423,7 +454,7 @@ impl Server {
                 return nack(Reject::Busy);
             }
         }
-        if let Err(reason) = self.admit(message, proof, handler) {
+        if let Err(reason) = self.admit(message, proof, now_us, handler) {
             return nack(reason);
         }
         self.kept = Some(Kept {
@@ -450,6 +481,7 @@ impl Server {
         &mut self,
         message: &ToModule,
         proof: Proof,
+        now_us: u64,
         handler: &mut H,
     ) -> Result<(), Reject> {
         if message.tag().is_none() {
@@ -467,9 +499,14 @@ impl Server {
                 Ok(())
             }
             (Proof::Wrong, _) => {
+                self.tries.count(now_us);
                 handler.bad_tag(message.kind());
                 Err(Reject::BadTag)
             }
+            (Proof::Unseen { wait_us }, _) => Err(Reject::TooManyTags {
+                // At most one TAG_TRY_US.
+                wait_ms: u16::try_from(wait_us.div_ceil(1_000)).unwrap_or(u16::MAX),
+            }),
         }
     }
 
@@ -662,6 +699,11 @@ enum Proof {
     Right,
     /// Wrong, or the message carries none.
     Wrong,
+    /// Not looked at: too many were wrong.
+    Unseen {
+        /// For so long, us.
+        wait_us: u64,
+    },
 }
 
 impl Proof {

@@ -403,6 +403,8 @@ pub fn rejects() -> std::vec::Vec<Reject> {
         Reject::NotTethered,
         Reject::NoEntropy,
         Reject::WrongDriver(WRONG_DRIVER),
+        Reject::TooManyTags { wait_ms: 125 },
+        Reject::Held { link: 1 },
     ]);
     rejects
 }
@@ -517,6 +519,7 @@ pub fn event_kinds() -> std::vec::Vec<EventKind> {
         EventKind::DriversChanged {
             profile: Profile::Scs,
         },
+        EventKind::KeyReadable,
     ]);
     kinds
 }

@@ -109,6 +109,9 @@ fn a_tag_is_bound_to_type_and_every_byte() {
         forgeries.push(forge(&move |m| m[2 + bit / 8] ^= 1 << (bit % 8)));
     }
     for forged in forgeries {
+        // The port looks at no more than some a second, and the challenge stays open.
+        let mut session = Session::new(Port::Radio, Some(KEY));
+        assert_eq!(session.nonce(), nonce);
         let answers = session.send(&forged);
         assert!(
             matches!(
@@ -123,6 +126,10 @@ fn a_tag_is_bound_to_type_and_every_byte() {
             ),
             "{answers:?}"
         );
+        assert!(matches!(
+            session.send(&signed)[..],
+            [(_, FromModule::Ack { .. })]
+        ));
     }
     assert!(matches!(
         session.send(&signed)[..],
@@ -200,8 +207,10 @@ fn replayed_sessions_move_nothing() {
         }
         assert_eq!(session.robot.calls.len(), 5);
         session.robot.calls.clear();
-        session.nonce();
         for _ in 0..500 {
+            // Slowly enough for each to be looked at, with a challenge open.
+            session.now_us += server::TAG_TRY_US;
+            session.nonce();
             session.send(&recorded[rng.below(recorded.len())]);
         }
         let moved: Vec<_> = session
@@ -308,4 +317,101 @@ fn a_state_is_proved_with_the_key_over_the_hosts_nonce() {
     let answer = keyless.ask(&ask, None);
     assert!(matches!(answer, FromModule::State { tag: Tag::NONE, .. }));
     assert!(!KEY.proves(&nonce, &answer));
+}
+
+/// A flood of forged orders costs a bounded number of checks a second, on its own port, and STOP gets through.
+#[test]
+fn wrong_tags_are_looked_at_a_few_times_a_second_only() {
+    let order = ToModule::ClearFault { tag: Tag::NONE };
+    let wrong = Key([0x4C; KEY_LEN]);
+    for port in [Port::Wire, Port::Radio] {
+        let mut session = Session::new(port, Some(KEY));
+        let looked_at = |session: &Session| {
+            let bad = session.robot.calls.iter();
+            bad.filter(|call| call.starts_with("bad tag")).count() as u64
+        };
+        // Ten seconds, one forgery a millisecond.
+        for _ in 0..10_000 {
+            session.now_us += 1_000;
+            let nonce = session.nonce();
+            session.ask(&order, Some((&wrong, &nonce)));
+        }
+        let most = server::TAG_TRIES + 10_000_000 / server::TAG_TRY_US;
+        assert!(looked_at(&session) <= most, "{}", looked_at(&session));
+        assert!(looked_at(&session) >= most - 2, "{}", looked_at(&session));
+
+        // The owner is told how long to wait, and then his order is carried out.
+        let nonce = session.nonce();
+        let answer = session.ask(&order, Some((&KEY, &nonce)));
+        let FromModule::Nack {
+            reason: Reject::TooManyTags { wait_ms },
+            ..
+        } = answer
+        else {
+            panic!("{answer:?}");
+        };
+        assert!(u64::from(wait_ms) * 1_000 <= server::TAG_TRY_US);
+        assert!(!session.robot.calls.contains(&"clear".to_owned()));
+        assert_eq!(
+            session.ask(&ToModule::Stop, None),
+            FromModule::Ack {
+                request: ToModule::Stop.kind()
+            }
+        );
+        session.now_us += u64::from(wait_ms) * 1_000;
+        let answer = session.order(&order);
+        assert!(matches!(answer, FromModule::Ack { .. }), "{answer:?}");
+        // Right tags are not counted.
+        for _ in 0..100 {
+            session.now_us += 2 * server::TAG_TRY_US;
+            let answer = session.order(&order);
+            assert!(matches!(answer, FromModule::Ack { .. }), "{answer:?}");
+        }
+    }
+}
+
+/// What an old or a lazy client would send: another version, no tag, a tag of zeros, the tag over another domain. None of it gives an order.
+#[test]
+fn nothing_weaker_than_this_versions_proof_is_taken() {
+    for message in orders() {
+        for version in (0..=u8::MAX).filter(|version| *version != VERSION) {
+            let mut session = Session::new(Port::Radio, Some(KEY));
+            let nonce = session.nonce();
+            let signed = session.bytes(&message, Some((&KEY, &nonce)));
+            let answers = session.send(&of_version(version, &signed));
+            let reason = Reject::Version {
+                theirs: version,
+                ours: VERSION,
+            };
+            assert_eq!(answers[0].1, nack(&message, reason));
+            assert!(session.robot.calls.is_empty(), "{:?}", session.robot.calls);
+        }
+        let mut session = Session::new(Port::Radio, Some(KEY));
+        session.nonce();
+        // `Client` leaves the tag at zero where it has no key.
+        assert_eq!(session.ask(&message, None), nack(&message, Reject::BadTag));
+    }
+    // An older host says so in HELLO, and is told which version is spoken.
+    let mut session = Session::new(Port::Radio, Some(KEY));
+    for protocol in [0, VERSION + 1, u8::MAX] {
+        let hello = ToModule::Hello { protocol };
+        let reason = Reject::Version {
+            theirs: protocol,
+            ours: VERSION,
+        };
+        assert_eq!(session.ask(&hello, None), nack(&hello, reason));
+    }
+}
+
+/// The frame with another version and a right checksum.
+fn of_version(version: u8, bytes: &[u8]) -> Vec<u8> {
+    let mut body = bytes[1..].to_vec();
+    let len = cobs::decode_in_place(&mut body).unwrap();
+    body.truncate(len - 4);
+    body[0] = version;
+    body.extend_from_slice(&protocol::crc::crc32c(&body).to_le_bytes());
+    let mut out = vec![0; cobs::max_encoding_length(body.len()) + 2];
+    let len = cobs::encode(&body, &mut out[1..]);
+    out.truncate(len + 2);
+    out
 }

@@ -232,6 +232,8 @@ const REJECTS: &[(&str, &str)] = &[
         "WrongDriver(WrongDriver { joint: 2, model: 777, address: 0 })",
         "002202890600",
     ),
+    ("TooManyTags { wait_ms: 125 }", "00237d"),
+    ("Held { link: 1 }", "002401"),
 ];
 
 /// Payloads of `Event`, number 0 at time 0, of every kind.
@@ -308,6 +310,7 @@ const EVENTS: &[(&str, &str)] = &[
         "00001c02890600",
     ),
     ("DriversChanged { profile: Scs }", "00001d05"),
+    ("KeyReadable", "00001e"),
 ];
 
 fn hex(bytes: &[u8]) -> String {
