@@ -324,6 +324,29 @@ fn the_page_on_effects_names_the_places_where_they_are() {
     }
 }
 
+/// Every promise of the threat model names its test.
+#[test]
+fn tests_that_the_threat_model_names_exist() {
+    let texts = tracked_texts();
+    let page = &texts
+        .iter()
+        .find(|(name, _)| name == "docs/explanation/threat-model.md")
+        .unwrap()
+        .1;
+    let rows = page.lines().filter(|line| line.starts_with("| "));
+    let names: Vec<&str> = rows
+        .filter_map(|row| row.trim_end_matches(" |").rsplit(" | ").next())
+        .filter_map(|cell| cell.strip_prefix('`')?.strip_suffix('`'))
+        .collect();
+    assert!(names.len() >= 14, "{names:?}");
+    for name in names {
+        let wanted = format!("fn {name}(");
+        let is_there =
+            |(file, text): &(String, String)| file.ends_with(".rs") && text.contains(&wanted);
+        assert!(texts.iter().any(is_there), "{name}");
+    }
+}
+
 #[test]
 fn links_between_the_documents_lead_somewhere() {
     for (file, text) in tracked_texts()

@@ -37,7 +37,7 @@ const SYST_RVR: *mut u32 = 0xe000_e014 as *mut u32;
 const SYST_CVR: *const u32 = 0xe000_e018 as *const u32;
 const CPACR: *mut u32 = 0xe000_ed88 as *mut u32;
 /// SysTick runs at 25 MHz on this board, and one instruction takes 1 ns of guest time.
-const INSTRUCTIONS_PER_TICK: u32 = 40;
+pub(crate) const INSTRUCTIONS_PER_TICK: u32 = 40;
 
 /// Instructions of a call, to 40, and its result. At most 671 million.
 pub(crate) fn cost<T>(call: impl FnOnce() -> T) -> (u32, T) {

@@ -4,7 +4,7 @@
 
 mod board;
 
-use board::{Console, cost};
+use board::{Console, INSTRUCTIONS_PER_TICK, cost};
 use control::gait::{Gait, Link, Oscillator, RawGait, chain};
 use control::motion::{MotionParams, Planner};
 use control::precheck::{self, MARGIN_M, Margins};
@@ -12,6 +12,7 @@ use control::robot::{JOINTS, RobotModel};
 use control::supervisor::Motion;
 use control::{CYCLE_S, cpg};
 use core::fmt::Write;
+use protocol::link::{KEY_LEN, Key, NONCE_LEN, Nonce, TAG_LEN};
 
 /// Knuth's linear congruential generator (MMIX), the upper bits.
 struct Rng(u64);
@@ -177,6 +178,44 @@ fn bits(gait: &Gait) -> u64 {
     hash
 }
 
+/// Checks of one tag that are counted together, so that the counter's step of 40 instructions is small against what a byte would cost.
+const CHECKS: u32 = 200;
+
+/// A check of a tag must not tell by its time which byte was wrong: one after the other is, and all, and none. The counter's own step is allowed.
+fn every_wrong_tag_costs_the_same() {
+    let (key, nonce, payload) = (Key([0x4B; KEY_LEN]), Nonce([0x11; NONCE_LEN]), [7; 26]);
+    let right = key.sign(&nonce, 8, &payload);
+    let mut all = [right; TAG_LEN + 2];
+    for (byte, tag) in all.iter_mut().take(TAG_LEN).enumerate() {
+        tag.0[byte] ^= 0x80;
+    }
+    all[TAG_LEN].0 = right.0.map(|byte| !byte);
+    let mut least = u32::MAX;
+    let mut most = 0;
+    for tag in all {
+        let (instructions, good) = cost(|| {
+            let verify =
+                |_| u32::from(key.verify(&nonce, 8, &payload, core::hint::black_box(&tag)));
+            (0..CHECKS).map(verify).sum::<u32>()
+        });
+        let expected = if tag == right { CHECKS } else { 0 };
+        if good != expected {
+            let _ = writeln!(Console, "a tag was judged wrongly");
+        }
+        least = least.min(instructions);
+        most = most.max(instructions);
+    }
+    let verdict = if most - least <= 2 * INSTRUCTIONS_PER_TICK {
+        "the same for every tag"
+    } else {
+        "NOT the same for every tag"
+    };
+    let _ = writeln!(
+        Console,
+        "{CHECKS} checks of a tag: {least} to {most} instructions, {verdict}"
+    );
+}
+
 /// What a gait cost.
 struct Followed {
     approach: Tally,
@@ -262,6 +301,7 @@ pub(crate) fn main() {
         Console,
         "100000 turns of an empty loop: {loops} instructions"
     );
+    every_wrong_tag_costs_the_same();
     if let Some(gait) = gait([40.0; 6], [0.0; 6], [90.0, -90.0, 180.0, 90.0, -90.0]) {
         let mut state = cpg::start(&gait);
         let mut step = Tally::default();
