@@ -2,7 +2,7 @@
 //! The record is the old or the new one, what one boot has shown stays, and an acknowledged write is never lost.
 
 use firmware::slots::{SlotError, Slots};
-use hil_sim::robot::flash::{Cut, RamFlash, TEARS};
+use hil_sim::robot::flash::{Cut, RamFlash, TEARS, Tear};
 
 const PAIR: usize = 3;
 
@@ -217,4 +217,54 @@ fn limits_are_refused_and_named() {
         Err(SlotError::TooLong)
     );
     assert_eq!(slots.len(0), Some(40));
+}
+
+/// Two words that were cut may both read right in one boot and wrong in the next: two verdicts alone are no record.
+#[test]
+fn two_verdicts_that_were_cut_are_not_trusted() {
+    let (whole, _) = cut_write(
+        0,
+        Cut {
+            after: u64::MAX,
+            tear: TEARS[0],
+        },
+    );
+    let operations = whole.operations();
+    for seed in 0..3_000 {
+        // The first COMMIT word is the third operation from the end.
+        let tear = Tear::Unstable;
+        let after = operations - 3;
+        let (mut flash, acknowledged) = cut_write(seed, Cut { after, tear });
+        flash.power_on();
+        flash.reseed(seed + 1_000_000);
+        flash.plan_cut(Cut { after: 0, tear });
+        boot(&mut flash);
+        check_final(&mut flash, acknowledged, seed, &format!("seed {seed}"));
+    }
+}
+
+/// A word that the flash keeps wrong without saying so is found by reading it back, or the write is refused.
+#[test]
+fn a_worn_out_flash_loses_no_acknowledged_record() {
+    let (mut stored, mut refused) = (0, 0);
+    for seed in 0..200_u64 {
+        let mut flash = used_flash(seed);
+        let mut last = payload(2);
+        for number in 0..20_u8 {
+            let mut slots = Slots::new();
+            flash.wear_out(0);
+            slots.recover(&mut flash);
+            flash.wear_out(5 + seed as u32);
+            let next = payload(number.wrapping_add(100));
+            if slots.write(&mut flash, PAIR, &next).is_ok() {
+                last = next;
+                stored += 1;
+            } else {
+                refused += 1;
+            }
+            flash.wear_out(0);
+            assert_eq!(boot(&mut flash), Some(Some(last.clone())), "seed {seed}");
+        }
+    }
+    assert!(stored > 500 && refused > 50, "{stored} {refused}");
 }

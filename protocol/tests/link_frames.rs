@@ -333,3 +333,19 @@ proptest! {
         prop_assert_eq!(from == Err(DecodeError::UnknownType { kind }), kind >= FromModule::COUNT);
     }
 }
+
+/// Numbers of a host stay below those that the module gives what it sends unasked.
+#[test]
+fn a_hosts_numbers_wrap_below_those_of_the_module() {
+    for first in [0, UNASKED - 2, u16::MAX] {
+        let mut host = Client::new(first);
+        let mut out = [0; MAX_FRAME];
+        let mut last = None;
+        for _ in 0..5 {
+            let (sequence, _) = host.request(&ToModule::GetInfo, None, &mut out).unwrap();
+            assert!(sequence < UNASKED, "{sequence:#06x}");
+            assert_ne!(Some(sequence), last);
+            last = Some(sequence);
+        }
+    }
+}

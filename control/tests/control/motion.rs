@@ -361,6 +361,39 @@ fn what_does_not_fit_is_refused() {
     );
 }
 
+/// The last check before a set-point leaves does not rely on the checks at the begin: here the joints have become ten times as slow since.
+#[test]
+fn a_set_point_that_a_joint_cannot_reach_in_a_cycle_does_not_leave() {
+    let p = params(20);
+    let mut slow = *p.model().params();
+    for joint in &mut slow.joints {
+        joint.no_load_speed_rad_s *= 0.1;
+    }
+    let slow = RobotModel::new(slow).expect("slow joints are joints");
+    let slow = MotionParams::new(slow, MotionSettings::default()).expect("valid");
+    let mut planner = Planner::begin(&p, &crawl(), &[0.0; 6]).expect("clear");
+    approach(&mut planner, &p);
+    let mut last = run(&mut planner, &p, 30).pop().expect("30 cycles");
+    for _ in 0..100 {
+        match planner.cycle(&slow, Motion::Run, None) {
+            Ok(out) => {
+                for (k, joint) in slow.model().joints().iter().enumerate() {
+                    let change = (out.set_point_rad[k] - last.set_point_rad[k]).abs();
+                    assert!(change <= joint.no_load_speed_rad_s * 0.05 + 1e-5);
+                }
+                last = out;
+            }
+            Err(bad) => {
+                let change = (bad.value_rad - bad.previous_rad).abs();
+                let joint = slow.model().joints()[usize::from(bad.joint)];
+                assert!(change > joint.no_load_speed_rad_s * 0.05);
+                return;
+            }
+        }
+    }
+    panic!("the gait is too fast for these joints, and nothing said so");
+}
+
 /// Random gaits from random poses, with a robot that lags and jitters: what leaves is always finite, slow and clear of itself.
 #[test]
 fn any_gait_is_driven_safely() {

@@ -60,6 +60,8 @@ pub struct RamFlash {
     pages: Vec<[Cell; PAGE_WORDS]>,
     rng: ChaCha8Rng,
     cut: Option<Cut>,
+    /// Of so many programmed words one keeps a bit as it was, without an error; 0 = none.
+    weak_every: u32,
     powered: bool,
     operations: u64,
     erases: u64,
@@ -74,6 +76,7 @@ impl RamFlash {
             pages: vec![[Cell::Stable(ERASED); PAGE_WORDS]; STORE_PAGES],
             rng: ChaCha8Rng::seed_from_u64(seed),
             cut: None,
+            weak_every: 0,
             powered: true,
             operations: 0,
             erases: 0,
@@ -85,6 +88,11 @@ impl RamFlash {
     pub fn plan_cut(&mut self, cut: Cut) {
         self.cut = Some(cut);
         self.operations = 0;
+    }
+
+    /// Worn out: from now on one programmed word of `every` keeps a bit as the erase left it, and no error says so. 0 = as new.
+    pub fn wear_out(&mut self, every: u32) {
+        self.weak_every = every;
     }
 
     /// True until a planned cut has happened.
@@ -192,7 +200,12 @@ impl SlotStore for RamFlash {
             return Err(FlashError::Controller);
         }
         let tear = self.tick()?.unwrap_or(Tear::Complete);
-        self.pages[page][word] = self.torn(self.pages[page][word], *bytes, tear);
+        let mut held = *bytes;
+        if self.weak_every > 0 && self.rng.next_u32().is_multiple_of(self.weak_every) {
+            let bit = self.rng.next_u64() % u64::from(u64::BITS);
+            held = (u64::from_le_bytes(held) | 1 << bit).to_le_bytes();
+        }
+        self.pages[page][word] = self.torn(self.pages[page][word], held, tear);
         if self.powered {
             Ok(())
         } else {

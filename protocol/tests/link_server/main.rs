@@ -164,6 +164,26 @@ fn a_repeated_order_is_done_once_and_answered_again() {
     }
 }
 
+/// Two programs may count from the same number: another order is another order.
+#[test]
+fn an_order_with_the_number_of_the_last_one_is_carried_out() {
+    let mut session = Session::new(Port::Wire, None);
+    session.host = Client::new(7);
+    session.ask(&ToModule::Hello { protocol: VERSION }, None);
+    let tag = Tag::NONE;
+    let first = session.bytes(&ToModule::ActivateSlot { slot: 1, tag }, None);
+    session.send(&first);
+    session.host = Client::new(7);
+    session.ask(&ToModule::Hello { protocol: VERSION }, None);
+    let second = session.bytes(&ToModule::ActivateSlot { slot: 2, tag }, None);
+    let third = session.bytes(&ToModule::EraseSlot { slot: 2, tag }, None);
+    for bytes in [&second, &third] {
+        let answers = session.send(bytes);
+        assert!(matches!(answers[..], [(_, FromModule::Ack { .. })]));
+    }
+    assert_eq!(session.robot.calls, ["activate 1", "activate 2", "erase 2"]);
+}
+
 #[test]
 fn while_an_order_is_pending_others_are_busy_and_questions_are_answered() {
     let mut session = Session::new(Port::Wire, None);
