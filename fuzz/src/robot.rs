@@ -10,8 +10,10 @@ use crate::wires::framed;
 
 /// Most operations of one input: a robot's second costs a thousand times a packet.
 const OPERATIONS: usize = 24;
-/// STOP and what the ramp and the hold after it take, us.
+/// STOP and what the ramp and the hold after it take at most, us.
 const AT_REST_US: u64 = 6_000_000;
+/// How often it is looked whether all drivers have let go, us.
+const LOOK_US: u64 = 200_000;
 /// Types of STOP and PING on the wire.
 const STOP: u8 = 9;
 
@@ -68,7 +70,17 @@ pub(crate) fn orders(data: &[u8]) {
         check(&robot);
     }
     let _ = robot.link().write(&framed(SOURCE_HOST, 999, 0, STOP, &[]));
-    robot.run_for(AT_REST_US);
+    // Most inputs start no run: the drivers have let go at once.
+    let driving = |robot: &EmulatedRobot| {
+        let motors = robot.motors().borrow();
+        (0..6).any(|joint| motors.is_driving(joint))
+    };
+    let until_us = robot.now_us() + AT_REST_US;
+    robot.run_for(LOOK_US);
+    while driving(&robot) && robot.now_us() < until_us {
+        robot.run_for(LOOK_US);
+    }
+    assert!(!driving(&robot), "a driver has torque after STOP");
     check(&robot);
     let moving = |robot: &EmulatedRobot| {
         (0..6)
@@ -76,7 +88,7 @@ pub(crate) fn orders(data: &[u8]) {
             .collect::<Vec<_>>()
     };
     let before = moving(&robot);
-    robot.run_for(500_000);
+    robot.run_for(LOOK_US);
     assert_eq!(before, moving(&robot), "a motor moves after STOP");
 }
 

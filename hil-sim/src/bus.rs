@@ -235,6 +235,30 @@ impl Bus {
             .collect()
     }
 
+    /// Who sends the next byte that passes.
+    #[must_use]
+    pub fn next_talker(&self) -> Option<Talker> {
+        self.in_flight.front().map(|byte| byte.from)
+    }
+
+    /// Appends up to `most` bytes that have passed by `until_ns`, all clean, all of one talker and without a pause. Gives the instant of the last.
+    pub fn deliver_run(&mut self, until_ns: u64, most: usize, into: &mut Vec<u8>) -> Option<u64> {
+        let from = self.next_talker()?;
+        let byte_ns = self.params.byte_ns();
+        let mut last_ns = None;
+        for _ in 0..most {
+            let next = self.in_flight.front().filter(|next| {
+                let follows = last_ns.is_none_or(|last_ns: u64| next.end_ns <= last_ns + byte_ns);
+                follows && next.clean && next.from == from && next.end_ns <= until_ns
+            });
+            let Some(next) = next else { break };
+            into.push(next.byte);
+            last_ns = Some(next.end_ns);
+            self.in_flight.pop_front();
+        }
+        last_ns
+    }
+
     /// Takes the next byte that has fully passed by `until_ns`.
     pub fn deliver(&mut self, until_ns: u64) -> Option<Delivery> {
         if self.in_flight.front()?.end_ns > until_ns {

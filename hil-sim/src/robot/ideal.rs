@@ -278,6 +278,8 @@ pub struct IdealMotors {
     noise: Noise,
     rng: Rng,
     burst_ns: u64,
+    /// Bytes that pass at once.
+    run: Vec<u8>,
 }
 
 impl IdealMotors {
@@ -302,6 +304,7 @@ impl IdealMotors {
             noise: Noise::default(),
             rng: Rng::new(0, PURPOSE_NOISE, 0),
             burst_ns: 0,
+            run: Vec::new(),
         }
     }
 
@@ -442,7 +445,10 @@ impl IdealMotors {
             if burst_ns <= byte_ns.min(deadline_ns) {
                 self.burst();
             } else if byte_ns <= deadline_ns {
-                self.pass_byte(byte_ns);
+                let before_ns = burst_ns.min(deadline_ns).saturating_sub(1);
+                if !self.pass_run(byte_ns, before_ns.min(now_ns)) {
+                    self.pass_byte(byte_ns);
+                }
             } else {
                 self.answer_late(deadline_ns);
             }
@@ -459,6 +465,36 @@ impl IdealMotors {
         deadlines
             .filter_map(|(server, _)| server.deadline_ns())
             .min()
+    }
+
+    /// Bytes to which nobody can answer yet pass at once. False where they have to pass one by one.
+    fn pass_run(&mut self, first_ns: u64, until_ns: u64) -> bool {
+        if self.babbling || self.drop_every != 0 || self.noise.corruption > 0.0 {
+            return false;
+        }
+        let Some(from) = self.bus.next_talker() else {
+            return false;
+        };
+        let hears = |(index, (_, driver)): &(usize, &mut (DriverServer, Ideal))| {
+            from != Talker::Driver(*index) && driver.trouble != Trouble::Missing
+        };
+        let hearing = self.drivers.iter_mut().enumerate().filter(hears);
+        let quiet = hearing.map(|(_, (server, _))| server.quiet_bytes(first_ns));
+        let most = quiet.min().unwrap_or(0);
+        self.run.clear();
+        let Some(last_ns) = self.bus.deliver_run(until_ns, most, &mut self.run) else {
+            return false;
+        };
+        for (_, (server, _)) in self.drivers.iter_mut().enumerate().filter(hears) {
+            server.push_quiet(&self.run, last_ns);
+        }
+        if from != Talker::Master || self.bus.params().echo {
+            self.heard += self.run.len() as u64;
+            let bytes = self.run.iter();
+            self.inbox
+                .extend(bytes.map(|byte| (last_ns, Received::Byte(*byte))));
+        }
+        true
     }
 
     /// The next byte on the wire has passed.

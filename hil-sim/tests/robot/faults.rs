@@ -310,7 +310,8 @@ fn dips_of_the_battery_do_not_add_up() {
         }
     }
     host.receive(None);
-    assert!(host.ends.is_empty(), "{:?}", host.ends);
+    let low = |kind: &EventKind| matches!(kind, EventKind::BatteryLow { .. });
+    assert!(!host.saw(low), "{:?}", host.events);
     robot.board().set_battery_mv(Some(6_000));
     robot.run_for(500_000);
     let end = expect_end(&mut robot, &mut host);

@@ -339,6 +339,24 @@ impl Parser {
         }
     }
 
+    /// Bytes that [`Parser::extend`] may take at once: with them the packet that has begun is still not whole.
+    #[must_use]
+    pub fn quiet_bytes(&self) -> usize {
+        self.whole_at.saturating_sub(self.end).saturating_sub(1)
+    }
+
+    /// Takes [`Parser::quiet_bytes`] or fewer; there is nothing to look for afterwards.
+    pub fn extend(&mut self, bytes: &[u8]) {
+        let end = self.end.saturating_add(bytes.len());
+        if let Some(places) = self.bytes.get_mut(self.end..end) {
+            places.copy_from_slice(bytes);
+            self.end = end;
+        } else {
+            // Near the end of the buffer: `push` moves what is there.
+            bytes.iter().for_each(|byte| self.push(*byte));
+        }
+    }
+
     /// Whether [`Parser::next_packet`] has anything to do: false while bytes of a packet are still to come.
     #[must_use]
     pub fn is_due(&self) -> bool {
@@ -384,6 +402,7 @@ impl Parser {
             let Some(&[id, low, high]) = view.get(4..PREFIX) else {
                 let may_go_on = !self.ended && view.iter().zip(HEADER).all(|(a, b)| *a == b);
                 if may_go_on || view.is_empty() {
+                    self.whole_at = self.start.saturating_add(PREFIX);
                     return None;
                 }
                 self.skip_byte();

@@ -197,6 +197,23 @@ impl DriverServer {
         reply
     }
 
+    /// How many bytes, heard from `now_ns` on without a pause, certainly bring no answer.
+    #[must_use]
+    pub fn quiet_bytes(&self, now_ns: u64) -> usize {
+        let paused = now_ns.saturating_sub(self.last_byte_ns) > MAX_GAP_NS;
+        if paused || matches!(self.turn, Some(Turn::Fast { .. })) {
+            return 0;
+        }
+        self.parser.quiet_bytes()
+    }
+
+    /// Takes at once as many as [`DriverServer::quiet_bytes`] says, or fewer. The last is whole at `now_ns`.
+    pub fn push_quiet(&mut self, bytes: &[u8], now_ns: u64) {
+        self.last_byte_ns = now_ns;
+        self.parser.extend(bytes);
+        self.wait_on(now_ns);
+    }
+
     /// The bus is not silent: drivers ahead in a Sync Read are waited for anew.
     fn wait_on(&mut self, now_ns: u64) {
         if let Some(Turn::Sync {
@@ -214,9 +231,18 @@ impl DriverServer {
             let Some(packet) = self.parser.next_packet() else {
                 break;
             };
-            let request = Request::of(&packet);
-            let fresh = self.parser.is_empty();
-            reply = self.hear(request, fresh, now_ns, handler).or(reply);
+            let answer_of = (packet.instruction == Instruction::Status as u8).then_some(packet.id);
+            let next = match answer_of {
+                Some(id) => self.hear_answer(id, now_ns, handler),
+                None => {
+                    let request = Request::of(&packet);
+                    let fresh = self.parser.is_empty();
+                    self.hear(&request, fresh, now_ns, handler)
+                }
+            };
+            if next.is_some() {
+                reply = next;
+            }
         }
         reply
     }
@@ -224,14 +250,11 @@ impl DriverServer {
     /// One whole packet. `fresh`: it ended with the last byte, so an answer comes in time.
     fn hear<H: DriverHandler>(
         &mut self,
-        request: Request,
+        request: &Request,
         fresh: bool,
         now_ns: u64,
         handler: &mut H,
     ) -> Option<Reply> {
-        if request.instruction == Some(Instruction::Status) {
-            return self.hear_answer(request.id, now_ns, handler);
-        }
         self.turn = None;
         let own = handler.read(Register::Id) as u8;
         if request.id != own && request.id != BROADCAST {
@@ -239,13 +262,13 @@ impl DriverServer {
         }
         if request.is_for_several() {
             if request.id == BROADCAST {
-                return self.several(&request, own, fresh, now_ns, handler);
+                return self.several(request, own, fresh, now_ns, handler);
             }
             return None;
         }
         let send_at_ns = now_ns.saturating_add(return_delay_ns(handler));
         handler.latch(now_ns);
-        let answer = self.carry_out(&request, own, handler)?;
+        let answer = self.carry_out(request, own, handler)?;
         let wait = if request.id == BROADCAST {
             u64::from(own).saturating_mul(self.ping_slot_ns())
         } else {
