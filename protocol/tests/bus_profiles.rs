@@ -319,6 +319,26 @@ fn a_feetech_exchange_takes_answers_echoes_and_errors() {
     assert_eq!(counted, (1, 1, 1, 1));
 }
 
+/// What cannot be a packet is skipped, whatever its checksum, and the packet behind it is found.
+#[test]
+fn a_feetech_packet_of_no_possible_length_or_id_is_none() {
+    let good = feetech::packet(3, 2, &[&[7]]).unwrap();
+    // Length counts instruction and checksum: 0 and 1 are too short, 157 is more than a parser holds; 255 is no id.
+    let bad: [(u8, u8); 6] = [(1, 0), (1, 1), (1, 157), (1, 255), (253, 1), (255, 2)];
+    for (id, length) in bad {
+        let mut parser = feetech::Parser::new();
+        let mut bytes = vec![0xFF, 0xFF, id, length];
+        // The checksum that a packet without content would have.
+        bytes.push(!(id.wrapping_add(length)));
+        bytes.extend_from_slice(&good);
+        bytes.iter().for_each(|byte| parser.push(*byte));
+        let found = parser.next_packet().map(|packet| (packet.id, packet.code));
+        assert_eq!(found, Some((3, 2)), "id {id}, length {length}");
+        assert!(parser.next_packet().is_none());
+        assert_eq!(parser.counters().packets, 1);
+    }
+}
+
 proptest! {
     /// Packets between stray bytes that hold no header are found, whole and in order.
     #[test]

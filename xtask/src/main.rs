@@ -5,6 +5,7 @@ mod demo;
 mod elf;
 mod figures;
 mod fuzz;
+mod mutants;
 mod planted;
 mod release;
 mod sbom;
@@ -29,6 +30,7 @@ cargo xtask <command>
   site      the pages as a web site, in target/site with mdBook, links followed
   tick      count the instructions of the 20 Hz law, over all shipped and 200 random gaits, in QEMU
   planted   plant faults one at a time in a copy and print what finds them; [NUMBERS] (half an hour)
+  mutants   [--shard K/N] [CRATE...]: a sample of the mutants of control, protocol and firmware, and what the tests kill
   figures   print every table that the documentation quotes, from a fresh run (tens of minutes)
 ";
 
@@ -45,6 +47,7 @@ fn main() -> ExitCode {
         Some("site") => site::run(),
         Some("tick") => tick::run(),
         Some("figures") => figures::run(),
+        Some("mutants") => mutants::run(&arguments[1..]),
         Some("planted") => planted::run(arguments.get(1..).unwrap_or_default()),
         _ => {
             eprint!("{USAGE}");

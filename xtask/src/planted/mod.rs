@@ -70,7 +70,7 @@ fn page(rows: &[(String, String)]) -> Result<String> {
 }
 
 /// A copy of the files that git tracks.
-fn copy() -> Result<PathBuf> {
+pub(crate) fn copy() -> Result<PathBuf> {
     let to = sh::target_dir().join("planted").join("tree");
     let names = sh::output("git", &["ls-files", "-z"])?;
     for name in names.split_terminator('\0') {

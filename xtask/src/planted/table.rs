@@ -238,7 +238,7 @@ pub(crate) const PLANTED: &[Planted] = &[
         kind: "missed check",
         what: "a reset is obeyed in motion",
         file: "firmware/src/app/session.rs",
-        find: "if self.core.in_motion() {\n            return Err(Reject::State {\n                state: self.core.state(),\n            });\n        }\n        self.core.reboot_at_us",
+        find: "if self.core.in_motion() {\n            let state = self.core.state();\n            return Err(self.or_held(Reject::State { state }));\n        }\n        self.core.reboot_at_us",
         put: "self.core.reboot_at_us",
         test: ("hil-sim", "robot"),
     },

@@ -1,0 +1,183 @@
+//! `cargo xtask mutants`: a sample of the mutants of `cargo-mutants`, crate by crate, and how many the tests kill.
+//!
+//! The sample is systematic: of all mutants of a crate, in the order of the source, every N-th from the SHARD-th on. So it is the same everywhere, and N
+//! shards are the whole.
+
+use crate::{planted, sh};
+use anyhow::{Context, Result, bail};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// A crate, the packages whose tests judge it, and the arguments of `cargo test` that choose them.
+type Judged = (&'static str, &'static str, &'static [&'static str]);
+
+/// The firmware's behaviour is tested from the wires, in `hil-sim`.
+const CRATES: [Judged; 3] = [
+    ("control", "control", &["--lib", "--test", "control"]),
+    ("protocol", "protocol", &[]),
+    (
+        "firmware",
+        "firmware,hil-sim",
+        &["--lib", "--test", "robot", "--test", "slots_power_cut"],
+    ),
+];
+/// Shards that the mutants of a crate are dealt into when no other number is given.
+const SHARDS: u32 = 100;
+/// The page of what was found.
+const PAGE: &str = "docs/validation/mutants.md";
+/// Tests that take more than so many times what they take without a mutant hang; but not before a minute is over, s.
+const PATIENCE: [&str; 2] = ["3", "60"];
+
+/// What came of one crate.
+struct Outcome {
+    name: &'static str,
+    all: usize,
+    killed: usize,
+    unviable: usize,
+    survived: Vec<String>,
+}
+
+/// `[--shard K/N] [CRATE...]`: shard 0 of 100 of every crate when nothing is given.
+pub(crate) fn run(arguments: &[String]) -> Result<()> {
+    let (shard, names) = match arguments {
+        [flag, shard, names @ ..] if flag == "--shard" => (shard.clone(), names),
+        names => (format!("0/{SHARDS}"), names),
+    };
+    if sh::output("cargo", &["mutants", "--version"]).is_err() {
+        bail!("needs `cargo install cargo-mutants`");
+    }
+    let known = |name: &String| CRATES.iter().any(|(crate_name, ..)| crate_name == name);
+    if let Some(unknown) = names.iter().find(|name| !known(name)) {
+        bail!("no mutants of `{unknown}`");
+    }
+    let copy = planted::copy()?;
+    let wanted = |name: &str| names.is_empty() || names.iter().any(|n| n == name);
+    let mut outcomes = Vec::new();
+    for judged in CRATES.iter().filter(|(name, ..)| wanted(name)) {
+        let outcome = mutate(&copy, judged, &shard)?;
+        println!("{}", row(&outcome));
+        outcomes.push(outcome);
+    }
+    if names.is_empty() {
+        let date = sh::output("date", &["-I"])?;
+        std::fs::write(sh::root().join(PAGE), page(&outcomes, &shard, date.trim()))?;
+    }
+    Ok(())
+}
+
+fn mutate(copy: &Path, judged: &Judged, shard: &str) -> Result<Outcome> {
+    let (name, judges, tests) = *judged;
+    let all = sh::output("cargo", &["mutants", "--list", "-p", name])?;
+    let output = sh::target_dir().join("mutants").join(name);
+    std::fs::create_dir_all(&output)?;
+    // Survivors give another exit code; the lists say what happened.
+    let _ = Command::new("cargo")
+        .args(["mutants", "--in-place", "-p", name, "--shard", shard])
+        .args(["--sharding", "round-robin", "--no-shuffle"])
+        .args(["--timeout-multiplier", PATIENCE[0]])
+        .args(["--minimum-test-timeout", PATIENCE[1]])
+        .args(["--test-package", judges])
+        .arg("--output")
+        .arg(&output)
+        .arg("--")
+        .args(tests)
+        .current_dir(copy)
+        .env("CARGO_TARGET_DIR", sh::target_dir().join("planted/build"))
+        .env("RUST_BACKTRACE", "0")
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .context("cannot start cargo mutants")?;
+    let list = |file: &str| -> Result<Vec<String>> {
+        let path = output.join("mutants.out").join(file);
+        let text = std::fs::read_to_string(&path)
+            .with_context(|| format!("no {}: the tests fail without a mutant", path.display()))?;
+        Ok(text.lines().map(str::to_owned).collect())
+    };
+    Ok(Outcome {
+        name,
+        all: all.lines().count(),
+        // A mutant that hangs is found as well.
+        killed: list("caught.txt")?.len() + list("timeout.txt")?.len(),
+        unviable: list("unviable.txt")?.len(),
+        survived: list("missed.txt")?,
+    })
+}
+
+/// Wilson's interval at 95 %.
+fn wilson(hits: usize, of: usize) -> (f64, f64) {
+    let (n, z) = (of as f64, 1.96_f64);
+    if of == 0 {
+        return (0.0, 1.0);
+    }
+    let p = hits as f64 / n;
+    let centre = p + z * z / (2.0 * n);
+    let half = z * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
+    let scale = 1.0 + z * z / n;
+    ((centre - half) / scale, (centre + half) / scale)
+}
+
+fn row(outcome: &Outcome) -> String {
+    let Outcome {
+        name,
+        all,
+        killed,
+        unviable,
+        survived,
+    } = outcome;
+    let tried = killed + survived.len();
+    let (low, high) = wilson(*killed, tried);
+    let share = *killed as f64 / tried.max(1) as f64;
+    format!(
+        "| `{name}` | {all} | {tried} | {killed} | {share:.3}; {low:.3} to {high:.3} | {unviable} |"
+    )
+}
+
+fn page(outcomes: &[Outcome], shard: &str, date: &str) -> String {
+    let rows: Vec<String> = outcomes.iter().map(row).collect();
+    let survived: Vec<String> = outcomes
+        .iter()
+        .flat_map(|outcome| &outcome.survived)
+        .map(|mutant| format!("- `{mutant}`"))
+        .collect();
+    let survived = if survived.is_empty() {
+        "None.".to_owned()
+    } else {
+        survived.join("\n")
+    };
+    format!(
+        "<!-- generated by `cargo xtask mutants` -->\n# Mutants\n\n    cargo xtask mutants --shard {shard}\n\n\
+         Measured {date}. `cargo-mutants` changes one place at a time; the tests must fail. Shard {shard} of each crate's mutants was tried, dealt one by one in the \
+         order of the source. In brackets Wilson's interval at 95 %. Unviable ones do not build.\n\n\
+         | crate | mutants | tried | killed | share | unviable |\n|---|---|---|---|---|---|\n{}\n\n\
+         ## Survivors\n\n{survived}\n",
+        rows.join("\n")
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Outcome, page, wilson};
+
+    /// Against the closed form of Wilson 1927, table of Newcombe 1998: 81 of 263 gives 0.2553 to 0.3662.
+    #[test]
+    fn the_interval_is_wilsons() {
+        let (low, high) = wilson(81, 263);
+        assert!((low - 0.2553).abs() < 1e-4 && (high - 0.3662).abs() < 1e-4);
+        assert_eq!(wilson(0, 0), (0.0, 1.0));
+    }
+
+    #[test]
+    fn the_page_lists_shares_and_survivors() {
+        let outcome = Outcome {
+            name: "control",
+            all: 1000,
+            killed: 9,
+            unviable: 2,
+            survived: vec!["control/src/cpg.rs:1:1: replace + with -".to_owned()],
+        };
+        let page = page(&[outcome], "0/100", "2026-01-01");
+        assert!(page.contains("| `control` | 1000 | 10 | 9 | 0.900; 0.596 to 0.982 | 2 |"));
+        assert!(page.contains("- `control/src/cpg.rs:1:1: replace + with -`"));
+    }
+}
