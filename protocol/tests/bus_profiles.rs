@@ -97,6 +97,8 @@ fn requests_have_the_bytes_of_the_manuals() {
         let hex: String = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
         assert_eq!(hex, want.replace(' ', ""), "{what}");
     }
+    // One driver too: all of a bus latch at the same kind of packet.
+    assert_eq!(sts.read_feedback(&[1]).unwrap().bytes()[4], 0x82);
     assert!(scs.read_feedback(&[1, 2]).is_err(), "SCS has no Sync Read");
     assert_eq!(scs.read_feedback(&[7]).unwrap().ids(), [7]);
 }
