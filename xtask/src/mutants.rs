@@ -8,17 +8,24 @@ use anyhow::{Context, Result, bail};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// A crate, the packages whose tests judge it, and the arguments of `cargo test` that choose them.
-type Judged = (&'static str, &'static str, &'static [&'static str]);
+/// A crate, and the arguments of `cargo test -p CRATE` that choose the tests that judge it.
+type Judged = (&'static str, &'static [&'static str]);
 
 /// The firmware's behaviour is tested from the wires, in `hil-sim`.
 const CRATES: [Judged; 3] = [
-    ("control", "control", &["--lib", "--test", "control"]),
-    ("protocol", "protocol", &[]),
+    ("control", &["--lib", "--test", "control"]),
+    ("protocol", &[]),
     (
         "firmware",
-        "hil-sim",
-        &["--lib", "--test", "robot", "--test", "slots_power_cut"],
+        &[
+            "-p",
+            "hil-sim",
+            "--lib",
+            "--test",
+            "robot",
+            "--test",
+            "slots_power_cut",
+        ],
     ),
 ];
 /// Shards that the mutants of a crate are dealt into when no other number is given.
@@ -65,7 +72,7 @@ pub(crate) fn run(arguments: &[String]) -> Result<()> {
 }
 
 fn mutate(copy: &Path, judged: &Judged, shard: &str) -> Result<Outcome> {
-    let (name, judges, tests) = *judged;
+    let (name, tests) = *judged;
     let all = sh::output("cargo", &["mutants", "--list", "-p", name])?;
     let output = sh::target_dir().join("mutants").join(name);
     std::fs::create_dir_all(&output)?;
@@ -74,7 +81,6 @@ fn mutate(copy: &Path, judged: &Judged, shard: &str) -> Result<Outcome> {
         .args(["--sharding", "round-robin", "--no-shuffle"])
         .args(["--timeout-multiplier", PATIENCE[0]])
         .args(["--minimum-test-timeout", PATIENCE[1]])
-        .args(["--test-package", judges])
         .arg("--output")
         .arg(&output)
         .arg("--")
