@@ -460,7 +460,8 @@ impl Laws {
                 let what = format!("joint {joint} gave its last measurement at {heard:?} us");
                 self.break_law(Law::Fresh, at_us, what);
             }
-            next[joint] = Some(goal);
+            // A set-point in the frame that its driver has just lost: it has no torque, and stands where it stood.
+            next[joint] = (!lost).then_some(goal);
             if !lost {
                 self.sent_goals.push((at_us, joint, goal));
             }
@@ -521,7 +522,10 @@ impl Laws {
         }
         let due_us = off_us.max(self.disturbed_us) + OFF_US + 1_000;
         for joint in 0..JOINTS {
-            if motors.torque(joint) && !motors.has_watchdog(joint) && !self.disordered {
+            // Before its next reading the module cannot know that a driver has restarted and forgotten its watchdog.
+            let lost = self.lost_us[joint].is_some_and(|lost| now_us - lost < CYCLE_US);
+            let bare = motors.torque(joint) && !motors.has_watchdog(joint);
+            if bare && !lost && !self.disordered {
                 let what = format!("driver {joint} has torque and no watchdog");
                 self.break_law(Law::Guarded, now_us, what);
             }
