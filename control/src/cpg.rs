@@ -15,6 +15,7 @@
 //! the start r = 0, x = X and phi is the gait's initial phase, so the first set-points are the offsets.
 
 use crate::gait::{Gait, MAX_OSCILLATORS};
+use crate::machine::Angles;
 use crate::math;
 use crate::robot::JOINTS;
 use heapless::Vec;
@@ -67,6 +68,12 @@ impl SetPoints {
     #[must_use]
     pub fn as_slice(&self) -> &[f32] {
         &self.0
+    }
+
+    /// The angles of a robot of any number of joints, rad; `None` where there is none.
+    #[must_use]
+    pub fn angles(&self) -> Option<Angles> {
+        Angles::new(self.as_slice())
     }
 
     /// The angles of a six-joint robot, rad; `None` for another number of oscillators.

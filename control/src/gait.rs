@@ -4,7 +4,7 @@
 //! [-π, π), no negative zero, every link with `from < to`, links sorted. So equal behaviour has equal bits and one digest.
 
 use crate::math;
-use crate::robot::{JOINTS, RobotModel};
+use crate::robot::JointLimits;
 use heapless::{String, Vec};
 
 /// Largest number of oscillators (two meta-modules on one controller).
@@ -385,15 +385,14 @@ impl Gait {
     ///
     /// # Errors
     /// [`RobotMismatch`] names the first joint that cannot, with both speeds.
-    pub fn check_speed(&self, model: &RobotModel) -> Result<(), RobotMismatch> {
-        if self.raw.oscillators.len() != JOINTS {
+    pub fn check_speed(&self, joints: &[JointLimits]) -> Result<(), RobotMismatch> {
+        if self.raw.oscillators.len() != joints.len() {
             return Err(RobotMismatch::JointCount {
                 oscillators: self.raw.oscillators.len() as u8,
-                joints: JOINTS as u8,
+                joints: joints.len().min(usize::from(u8::MAX)) as u8,
             });
         }
-        for (k, (oscillator, joint)) in self.raw.oscillators.iter().zip(model.joints()).enumerate()
-        {
+        for (k, (oscillator, joint)) in self.raw.oscillators.iter().zip(joints).enumerate() {
             let needed_rad_s = oscillator.amplitude_rad * (math::TAU * self.raw.frequency_hz);
             let limit_rad_s = joint.no_load_speed_rad_s;
             if needed_rad_s > limit_rad_s {

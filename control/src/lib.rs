@@ -3,8 +3,8 @@
 //! Firmware, emulator and simulator call the same functions with the same f32 arithmetic, so the same input gives the same bits
 //! on every host and on the Cortex-M4F: no fused multiply-add, no `f64`, own sine ([`math`]).
 //!
-//! Reading order: [`gait`] (what is uploaded) → [`cpg`] (set-points from a gait) → [`kinematics`] and [`geometry`] (where the
-//! bodies are) → [`precheck`] (may this move be made) → [`motion`] (what leaves for the motors this cycle) →
+//! Reading order: [`gait`] (what is uploaded) → [`cpg`] (set-points from a gait) → [`machine`] (which robot it is) → [`kinematics`] and [`geometry`] (where the
+//! bodies of a meta-module are) → [`precheck`] (may this move be made) → [`motion`] (what leaves for the motors this cycle) →
 //! [`supervisor`] (may anything move at all).
 //!
 //! Nothing here can panic: a `thumbv7em` image links with the panic handler's symbol undefined.
@@ -30,6 +30,7 @@ pub mod gait;
 pub mod geometry;
 pub mod kinematics;
 pub mod linalg;
+pub mod machine;
 pub mod math;
 pub mod motion;
 mod motion_types;

@@ -11,7 +11,7 @@
 //!                                                      ▼ the next move planned leaves the held pose when the blocked moment has passed
 //! ```
 //!
-//! * **Hold.** A blocked move holds all six joints together at the pose applied now. Oscillator time runs on. The move out of the hold
+//! * **Hold.** A blocked move holds all joints together at the pose applied now. Oscillator time runs on. The move out of the hold
 //!   goes towards the oscillators' set-point at no more than the joints' no-load speed and is checked like any other.
 //! * **Measured pose.** When a fresh measurement is at hand, the move from it to the next set-point is checked too, so that a robot which
 //!   lags or was pushed is not driven through itself.
@@ -28,9 +28,9 @@ pub use crate::motion_types::{
 use crate::CYCLE_S;
 use crate::cpg::{self, CpgState};
 use crate::gait::Gait;
+use crate::machine::Angles;
 use crate::math;
-use crate::precheck::{self, Blocked, Verdict};
-use crate::robot::JOINTS;
+use crate::precheck::{Blocked, Verdict};
 use crate::supervisor::Motion;
 use heapless::Deque;
 
@@ -52,13 +52,13 @@ enum Phase {
 /// A certified future set-point.
 #[derive(Clone, Copy, Debug)]
 struct Planned {
-    q_rad: [f32; JOINTS],
+    q_rad: Angles,
     /// Part of the gait (of the approach otherwise).
     gait: bool,
     held: bool,
 }
 
-type Measured<'a> = Option<&'a [f32; JOINTS]>;
+type Measured<'a> = Option<&'a Angles>;
 type Found = Option<Blocked>;
 
 /// State of a motion from the start order to rest. Parameters are a separate type, [`MotionParams`].
@@ -74,8 +74,8 @@ pub struct Planner {
     gait_ahead: Gait,
     /// Set-points until `gait_ahead` governs `now`; 0: it does.
     switch_in: u8,
-    applied_rad: [f32; JOINTS],
-    tail_rad: [f32; JOINTS],
+    applied_rad: Angles,
+    tail_rad: Angles,
     held: bool,
     held_cycles: u32,
     holds: u32,
@@ -89,10 +89,17 @@ impl Planner {
     pub fn begin(
         params: &MotionParams,
         gait: &Gait,
-        pose_rad: &[f32; JOINTS],
+        pose_rad: &Angles,
     ) -> Result<Self, BeginError> {
-        gait.check_speed(params.model())
+        let machine = params.machine();
+        gait.check_speed(machine.limits())
             .map_err(BeginError::Mismatch)?;
+        if pose_rad.len() != machine.limits().len() {
+            return Err(BeginError::PoseCount {
+                angles: pose_rad.len() as u8,
+                joints: machine.joints(),
+            });
+        }
         for (k, q) in pose_rad.iter().enumerate() {
             if !in_limits(*q) {
                 return Err(BeginError::Pose {
@@ -120,7 +127,7 @@ impl Planner {
 
     /// The set-points sent last, rad.
     #[must_use]
-    pub const fn applied_rad(&self) -> &[f32; JOINTS] {
+    pub const fn applied_rad(&self) -> &Angles {
         &self.applied_rad
     }
 
@@ -147,7 +154,7 @@ impl Planner {
     /// # Errors
     /// [`RetargetError`]; the running gait goes on.
     pub fn retarget(&mut self, params: &MotionParams, gait: &Gait) -> Result<(), RetargetError> {
-        gait.check_speed(params.model())
+        gait.check_speed(params.machine().limits())
             .map_err(RetargetError::Mismatch)?;
         if self.switch_in != 0 {
             return Err(RetargetError::ChangePending);
@@ -170,7 +177,7 @@ impl Planner {
         &mut self,
         params: &MotionParams,
         motion: Motion,
-        measured_rad: Option<&[f32; JOINTS]>,
+        measured_rad: Option<&Angles>,
     ) -> Result<CycleOutput, BadSetPoint> {
         let gait_rad = self.gait_rad();
         let mut blocked = None;
@@ -256,8 +263,8 @@ impl Planner {
         }
     }
 
-    fn gait_rad(&self) -> [f32; JOINTS] {
-        self.now.set_points().joints().unwrap_or(self.applied_rad)
+    fn gait_rad(&self) -> Angles {
+        self.now.set_points().angles().unwrap_or(self.applied_rad)
     }
 
     fn at_rest(&self) -> bool {
@@ -301,12 +308,8 @@ impl Planner {
         let verdict = if next == self.tail_rad {
             Verdict::Clear { clearance_m: 0.0 }
         } else {
-            precheck::check_move(
-                params.model(),
-                &self.tail_rad,
-                &next,
-                params.settings().planned,
-            )
+            let margins = params.settings().planned;
+            params.machine().check_move(&self.tail_rad, &next, margins)
         };
         match verdict {
             Verdict::Clear { .. } => {
@@ -330,8 +333,8 @@ impl Planner {
     }
 
     /// The set-point one cycle behind the end of the queue, rate-limited, and whether it belongs to the gait.
-    fn next_rad(&mut self, params: &MotionParams) -> ([f32; JOINTS], bool) {
-        let target = self.ahead.set_points().joints().unwrap_or(self.tail_rad);
+    fn next_rad(&mut self, params: &MotionParams) -> (Angles, bool) {
+        let target = self.ahead.set_points().angles().unwrap_or(self.tail_rad);
         let approaching = matches!(self.phase, Phase::Approach { .. })
             && !self.queue.back().is_some_and(|p| p.gait);
         if approaching && self.tail_rad != target {
@@ -398,7 +401,9 @@ impl Planner {
         if let Some(measured) = measured_rad
             && next != self.applied_rad
             && let Verdict::Blocked(b) =
-                precheck::check_move(params.model(), measured, &next, params.settings().measured)
+                params
+                    .machine()
+                    .check_move(measured, &next, params.settings().measured)
         {
             *blocked = Some(b);
             self.hold_here();
@@ -467,9 +472,9 @@ fn in_limits(q_rad: f32) -> bool {
 }
 
 /// The target itself where it is within reach, else one step towards it.
-fn limited(from: &[f32; JOINTS], target: &[f32; JOINTS], steps: &[f32; JOINTS]) -> [f32; JOINTS] {
+fn limited(from: &Angles, target: &Angles, steps: &Angles) -> Angles {
     let mut next = *target;
-    for ((n, f), step) in next.iter_mut().zip(from).zip(steps) {
+    for ((n, f), step) in next.iter_mut().zip(from.iter()).zip(steps.iter()) {
         let change = *n - *f;
         if change > *step {
             *n = *f + *step;
@@ -481,12 +486,8 @@ fn limited(from: &[f32; JOINTS], target: &[f32; JOINTS], steps: &[f32; JOINTS]) 
 }
 
 /// The last check: finite, in range, no faster than the joint turns (but for rounding).
-fn check_set_point(
-    from: &[f32; JOINTS],
-    to: &[f32; JOINTS],
-    steps: &[f32; JOINTS],
-) -> Result<(), BadSetPoint> {
-    for (k, ((f, t), step)) in from.iter().zip(to).zip(steps).enumerate() {
+fn check_set_point(from: &Angles, to: &Angles, steps: &Angles) -> Result<(), BadSetPoint> {
+    for (k, ((f, t), step)) in from.iter().zip(to.iter()).zip(steps.iter()).enumerate() {
         let slow = (*t - *f).abs() <= *step + 1e-5;
         if !(slow && in_limits(*t)) {
             return Err(BadSetPoint {

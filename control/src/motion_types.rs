@@ -2,8 +2,9 @@
 
 use crate::CYCLE_S;
 use crate::gait::RobotMismatch;
+use crate::machine::{Angles, Machine};
 use crate::precheck::{self, Blocked, Margins};
-use crate::robot::{JOINTS, RobotModel};
+use crate::robot::RobotModel;
 
 /// Longest look-ahead in cycles (1.2 s).
 pub const MAX_LOOKAHEAD: usize = 24;
@@ -58,14 +59,14 @@ pub enum SettingsError {
 /// Robot and settings, valid: what [`crate::motion::Planner`] reads and never writes.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MotionParams {
-    model: RobotModel,
+    machine: Machine,
     settings: MotionSettings,
 }
 
 impl MotionParams {
     /// [`RobotModel::STRAIGHT`] with the default settings.
     pub const STRAIGHT: MotionParams = MotionParams {
-        model: RobotModel::STRAIGHT,
+        machine: Machine::meta_module(RobotModel::STRAIGHT),
         settings: MotionSettings::NOMINAL,
     };
 
@@ -73,7 +74,7 @@ impl MotionParams {
     ///
     /// # Errors
     /// [`SettingsError`] names the one out of range.
-    pub fn new(model: RobotModel, settings: MotionSettings) -> Result<Self, SettingsError> {
+    pub fn new(machine: Machine, settings: MotionSettings) -> Result<Self, SettingsError> {
         if settings.lookahead_cycles == 0 || usize::from(settings.lookahead_cycles) > MAX_LOOKAHEAD
         {
             return Err(SettingsError::Lookahead);
@@ -86,13 +87,19 @@ impl MotionParams {
         if !(settings.approach_ratio > 0.0 && settings.approach_ratio <= 1.0) {
             return Err(SettingsError::ApproachRatio);
         }
-        Ok(MotionParams { model, settings })
+        Ok(MotionParams { machine, settings })
     }
 
     /// The robot.
     #[must_use]
-    pub const fn model(&self) -> &RobotModel {
-        &self.model
+    pub const fn machine(&self) -> &Machine {
+        &self.machine
+    }
+
+    /// The same settings for another robot.
+    #[must_use]
+    pub const fn with_machine(self, machine: Machine) -> Self {
+        MotionParams { machine, ..self }
     }
 
     /// The settings.
@@ -102,10 +109,10 @@ impl MotionParams {
     }
 
     /// Largest change of each set-point in one cycle at `ratio` of the no-load speed, rad.
-    pub(crate) fn steps_rad(&self, ratio: f32) -> [f32; JOINTS] {
-        self.model
-            .joints()
-            .map(|j| j.no_load_speed_rad_s * CYCLE_S * ratio)
+    pub(crate) fn steps_rad(&self, ratio: f32) -> Angles {
+        Angles::each(self.machine.limits(), |joint| {
+            joint.no_load_speed_rad_s * CYCLE_S * ratio
+        })
     }
 }
 
@@ -115,6 +122,13 @@ impl MotionParams {
 pub enum BeginError {
     /// The gait does not fit the robot.
     Mismatch(RobotMismatch),
+    /// The pose is that of a robot with another number of joints.
+    PoseCount {
+        /// Angles given.
+        angles: u8,
+        /// Joints of the robot.
+        joints: u8,
+    },
     /// The robot stands outside [`crate::motion::POSITION_LIMIT_RAD`] or its pose is not a number.
     Pose {
         /// Joint index.
@@ -151,9 +165,9 @@ pub struct BadSetPoint {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct CycleOutput {
     /// What to send to the motors, rad.
-    pub set_point_rad: [f32; JOINTS],
+    pub set_point_rad: Angles,
     /// What the gait asks at this instant, rad; equal to `set_point_rad` to the bit unless held or catching up.
-    pub gait_rad: [f32; JOINTS],
+    pub gait_rad: Angles,
     /// The pre-check holds the robot in this cycle.
     pub held: bool,
     /// A move was blocked in this cycle: which pair, how close, how far ahead.

@@ -1,4 +1,5 @@
-//! The robot as parameters: a meta-module of two modules with three joints each, four cubes, seven rigid bodies.
+//! The meta-module as parameters: two modules with three joints each, four cubes, seven rigid bodies. What the law needs of any robot, of
+//! one to twelve joints, is a [`crate::machine::Machine`].
 
 use crate::linalg::{Rot3, Vec3};
 use crate::math;

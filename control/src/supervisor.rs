@@ -26,17 +26,18 @@ pub use crate::supervisor_types::{
     SupervisorParams, Transition,
 };
 
+use crate::machine::all_joints;
 use crate::robot::JOINTS;
 
-/// Mask with one bit per joint, all set.
-pub const ALL_JOINTS: u8 = (1 << JOINTS) - 1;
+/// One bit per joint of a meta-module, all set.
+pub const ALL_JOINTS: u16 = all_joints(JOINTS as u8);
 
 /// The state machine with its homing mask.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Supervisor {
     state: State,
-    homed_mask: u8,
+    homed_mask: u16,
     booted: bool,
     stop_input: bool,
     lease: Option<Lease>,
@@ -86,7 +87,7 @@ impl Supervisor {
 
     /// Bit k set: the zero of joint k is known.
     #[must_use]
-    pub const fn homed_mask(&self) -> u8 {
+    pub const fn homed_mask(&self) -> u16 {
         self.homed_mask
     }
 
@@ -114,7 +115,7 @@ impl Supervisor {
         event: Event,
     ) -> Result<(), Refusal> {
         match event {
-            Event::Booted => self.on_booted(),
+            Event::Booted => self.on_booted(params),
             Event::StopInput { pressed } => self.on_stop_input(pressed),
             Event::Fault(fault) => self.on_fault(params, now_us, fault),
             Event::DriverReset { joint } => self.on_driver_reset(params, now_us, joint),
@@ -135,8 +136,8 @@ impl Supervisor {
             }
             Event::Tick => self.on_tick(params, now_us),
             Event::Order(Order::Stop) => self.on_stop(params, now_us, StopReason::Ordered),
-            Event::Order(Order::ClearFault) => return self.on_clear_fault(),
-            Event::Order(Order::Home { joint_mask }) => return self.on_home(joint_mask),
+            Event::Order(Order::ClearFault) => return self.on_clear_fault(params),
+            Event::Order(Order::Home { joint_mask }) => return self.on_home(params, joint_mask),
             Event::Order(Order::Heartbeat) => return self.on_heartbeat(now_us),
             Event::Order(Order::Start {
                 duration_us,
@@ -152,20 +153,20 @@ impl Supervisor {
     }
 
     /// Where a robot without torque is: the self-test has to have passed, the joints to be homed.
-    fn at_rest(&self) -> State {
+    fn at_rest(&self, params: &SupervisorParams) -> State {
         if !self.booted {
             State::Boot
-        } else if self.homed_mask == ALL_JOINTS {
+        } else if self.homed_mask == all_joints(params.joints) {
             State::Idle
         } else {
             State::Unhomed
         }
     }
 
-    fn on_booted(&mut self) {
+    fn on_booted(&mut self, params: &SupervisorParams) {
         self.booted = true;
         if let State::Boot = self.state {
-            self.state = self.at_rest();
+            self.state = self.at_rest(params);
         }
     }
 
@@ -210,10 +211,10 @@ impl Supervisor {
     }
 
     fn on_driver_reset(&mut self, params: &SupervisorParams, now_us: u64, joint: u8) {
-        let bit = if usize::from(joint) < JOINTS {
-            1u8 << (joint & 7)
+        let bit = if joint < params.joints {
+            1u16 << (joint & 15)
         } else {
-            ALL_JOINTS
+            u16::MAX
         };
         self.homed_mask &= !bit;
         match self.state {
@@ -276,7 +277,7 @@ impl Supervisor {
                         fault,
                         hold_until_us: None,
                     },
-                    _ => self.at_rest(),
+                    _ => self.at_rest(params),
                 };
             }
             State::Fault {
@@ -300,25 +301,25 @@ impl Supervisor {
         }
     }
 
-    fn on_clear_fault(&mut self) -> Result<(), Refusal> {
+    fn on_clear_fault(&mut self, params: &SupervisorParams) -> Result<(), Refusal> {
         match self.state {
             State::EStop if self.stop_input => Err(Refusal::StopInputPressed),
             State::EStop | State::Fault { .. } => {
-                self.state = self.at_rest();
+                self.state = self.at_rest(params);
                 Ok(())
             }
             _ => Err(Refusal::NoFault),
         }
     }
 
-    fn on_home(&mut self, joint_mask: u8) -> Result<(), Refusal> {
-        if joint_mask == 0 || joint_mask & !ALL_JOINTS != 0 {
+    fn on_home(&mut self, params: &SupervisorParams, joint_mask: u16) -> Result<(), Refusal> {
+        if joint_mask == 0 || joint_mask & !all_joints(params.joints) != 0 {
             return Err(Refusal::BadJointMask { joint_mask });
         }
         match self.state {
             State::Unhomed | State::Idle => {
                 self.homed_mask |= joint_mask;
-                self.state = self.at_rest();
+                self.state = self.at_rest(params);
                 Ok(())
             }
             other => Err(other.refusal()),
@@ -344,7 +345,7 @@ impl Supervisor {
                 Ok(())
             }
             State::Unhomed => Err(Refusal::NotHomed {
-                missing_mask: ALL_JOINTS & !self.homed_mask,
+                missing_mask: all_joints(params.joints) & !self.homed_mask,
             }),
             other => Err(other.refusal()),
         }

@@ -4,6 +4,8 @@
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SupervisorParams {
+    /// Joints of the robot, 1 to [`crate::machine::MAX_JOINTS`].
+    pub joints: u8,
     /// Longest run a start may ask for.
     pub duration_max_us: u64,
     /// Shortest and longest lease of a tethered run.
@@ -19,6 +21,7 @@ pub struct SupervisorParams {
 impl SupervisorParams {
     /// The default; a constant, so that a static can hold it.
     pub const NOMINAL: SupervisorParams = SupervisorParams {
+        joints: crate::robot::JOINTS as u8,
         // One battery charge (paper, Table I: about 1 h).
         duration_max_us: 3_600_000_000,
         // Two cycles, so that one late cycle ends no run; a minute of a robot that nobody watches is no tether any more.
@@ -61,7 +64,7 @@ pub enum Order {
     /// The user has placed these joints in the home pose and their zero is stored.
     Home {
         /// Bit k: joint k.
-        joint_mask: u8,
+        joint_mask: u16,
     },
 }
 
@@ -328,7 +331,7 @@ pub enum Refusal {
     /// Joints without a zero.
     NotHomed {
         /// Bit k: joint k has no zero.
-        missing_mask: u8,
+        missing_mask: u16,
     },
     /// The robot is moving; stop it first.
     Busy,
@@ -343,7 +346,7 @@ pub enum Refusal {
     /// No joint or a joint that does not exist.
     BadJointMask {
         /// The mask that was given.
-        joint_mask: u8,
+        joint_mask: u16,
     },
     /// A length of zero or above the limit.
     BadDuration {

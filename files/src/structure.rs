@@ -6,6 +6,9 @@
 //! cube_m = 0.11            # edge of a cube
 //! ball_radius_m = 0.062    # ball that a half-sphere is cut from
 //!
+//! self_collision = "unchecked"  # you know that nothing checks whether its parts meet; only the meta-module's moves are checked, and of one
+//!                          # module nothing can meet. Any other real robot does not run without this line
+//!
 //! [bus]                    # what drives the real one; `rb-host bus scan` proposes it, `rb-host bus use` tells the robot
 //! driver = "xl330"         # packed (ours), xl330, xc330, xm430, sts or scs; all drivers of a robot are of one kind
 //!
@@ -16,6 +19,7 @@
 //! offset_m = [0.055, 0, 0] # from the parent's origin to this one's at home; the hinge goes through this origin
 //! axis = [1, 1, 1]         # direction about which this body turns against its parent when the angle grows
 //! joint = 0                # index in gaits and recordings
+//! no_load_speed_rad_s = 2.786  # of the real joint, as the firmware checks it; absent: that of the motor
 //! motor = "intra"          # which motor of the model: "intra", "inter", or "connector": none, a connection that may give
 //!
 //! [[half]]                 # their order is that of the masses
@@ -34,6 +38,10 @@
 //! At home all body frames are parallel to the world. Whether the numbers make a robot is for whoever simulates it to say; this module
 //! holds them to their ranges and remembers their lines.
 
+mod machine;
+
+pub use machine::NoMachine;
+
 use crate::model::Key;
 use protocol::bus::Profile;
 use serde::Deserialize;
@@ -45,6 +53,8 @@ pub const FORMAT: i64 = 1;
 pub(crate) const LENGTH_LIMIT_M: f64 = 10.0;
 /// Masses of one half-sphere, kg, as the model's.
 pub(crate) const MASS_KG: (f64, f64) = (0.01, 10.0);
+/// No-load speeds of a joint, rad/s, as the firmware takes them.
+pub(crate) const SPEED_RAD_S: (f64, f64) = (0.01, 20.0);
 /// A direction of this squared length or more has one, and one this near to unit length is taken as it stands, to the bit.
 const UNIT_TOLERANCE: f64 = 1e-9;
 
@@ -73,6 +83,8 @@ pub struct Hinge {
     pub joint: usize,
     /// Motor of the joint.
     pub motor: Motor,
+    /// No-load speed of the real joint, rad/s; `None` = the motor's.
+    pub no_load_speed_rad_s: Option<f64>,
 }
 
 /// One half-sphere.
@@ -136,6 +148,8 @@ pub struct Structure {
     pub pairs: Vec<[usize; 2]>,
     /// Table profile of the motor drivers; `None`: the file does not say.
     pub driver: Option<Profile>,
+    /// The file says that nobody checks whether its parts meet.
+    pub unchecked: bool,
     lines: Vec<(Part, usize)>,
 }
 
@@ -228,12 +242,20 @@ struct RawFile {
     ball_radius_m: Option<Spanned<f64>>,
     #[serde(default)]
     fixed_base: bool,
+    self_collision: Option<SelfCollision>,
     bus: Option<RawBus>,
     body: Vec<Spanned<RawBody>>,
     half: Vec<Spanned<RawHalf>>,
     cube: Vec<Spanned<RawCube>>,
     #[serde(default)]
     pair: Vec<Spanned<RawPair>>,
+}
+
+/// What a file may say of the check that its robot lacks.
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum SelfCollision {
+    Unchecked,
 }
 
 #[derive(Deserialize)]
@@ -250,6 +272,7 @@ struct RawBody {
     axis: Option<Spanned<[f64; 3]>>,
     joint: Option<usize>,
     motor: Option<Motor>,
+    no_load_speed_rad_s: Option<Spanned<f64>>,
 }
 
 #[derive(Deserialize)]
@@ -322,6 +345,7 @@ impl Structure {
                 Key::BallRadius,
             )?,
             fixed_base: raw.fixed_base,
+            unchecked: raw.self_collision.is_some(),
             driver: raw.bus.map(|bus| reader.driver(&bus.driver)).transpose()?,
             bodies,
             halves,
@@ -432,8 +456,17 @@ impl Reader<'_> {
         body: &Spanned<RawBody>,
     ) -> Result<Option<Hinge>, StructureError> {
         let b = body.get_ref();
+        let speed = b.no_load_speed_rad_s.as_ref().map(|speed| {
+            let at = speed.span().start;
+            self.in_range(
+                "body.no_load_speed_rad_s",
+                at,
+                *speed.get_ref(),
+                SPEED_RAD_S,
+            )
+        });
         match (index, b.parent, &b.offset_m, &b.axis, b.joint, b.motor) {
-            (0, None, None, None, None, None) => Ok(None),
+            (0, None, None, None, None, None) if b.no_load_speed_rad_s.is_none() => Ok(None),
             (1.., Some(parent), Some(offset_m), Some(axis), Some(joint), Some(motor)) => {
                 Ok(Some(Hinge {
                     parent,
@@ -441,6 +474,7 @@ impl Reader<'_> {
                     axis: self.direction("body.axis", axis)?,
                     joint,
                     motor,
+                    no_load_speed_rad_s: speed.transpose()?,
                 }))
             }
             _ => Err(StructureError::Hinge {

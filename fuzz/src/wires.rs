@@ -174,7 +174,7 @@ fn same_again<M: Message + PartialEq + core::fmt::Debug>(message: Option<M>) {
 }
 
 fn samples(message: &FromModule) {
-    if let FromModule::SampleBlock(block) = message {
+    if let FromModule::SampleBlock(block) | FromModule::SampleBlockOf(block) = message {
         let count = block.samples().take(100_000).count();
         assert!(count <= usize::from(block.count) + 1);
     }

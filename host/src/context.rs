@@ -4,7 +4,7 @@ use std::io::IsTerminal;
 use std::time::Duration;
 
 use control::robot::RobotModel;
-use protocol::link::{ALL_JOINTS, ModuleState, Tag, ToModule};
+use protocol::link::{ModuleState, Tag, ToModule};
 
 use crate::cli::{Global, parse_duration};
 use crate::failure::{Exit, Failure, Outcome};
@@ -194,9 +194,10 @@ fn home_the_emulated(robot: &mut Robot) -> Outcome {
         robot.next(Duration::from_millis(50))?;
     }
     let info = robot.info()?;
-    if info.state == ModuleState::Unhomed && info.motor_mask == ALL_JOINTS {
+    let joint_mask = robot.machine()?.all_joints();
+    if info.state == ModuleState::Unhomed && info.motor_mask == joint_mask {
         robot.order(&ToModule::Zero {
-            joint_mask: ALL_JOINTS,
+            joint_mask,
             tag: Tag::NONE,
         })?;
     }

@@ -65,7 +65,7 @@ fn parse_one(text: &str) -> Result<Fault, FaultSpecError> {
         let index = joint
             .strip_prefix("joint")
             .and_then(|n| n.parse::<usize>().ok())
-            .filter(|n| *n < 6);
+            .filter(|n| *n < control::machine::MAX_JOINTS);
         fault = fault.on(index.ok_or_else(|| FaultSpecError::Joint(joint.to_owned()))?);
     }
     Ok(fault)
@@ -124,7 +124,7 @@ mod tests {
             "stall@x",
             "stall@-1",
             "stall@1-x",
-            "stall:joint6",
+            "stall:joint12",
             "stall:2",
             "stall@inf",
         ] {

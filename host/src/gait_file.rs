@@ -4,10 +4,11 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use control::gait::{Gait, RobotMismatch};
-use control::precheck::{MARGIN_M, Verdict, swept};
-use control::robot::{JOINTS, RobotModel};
+use control::machine::{Angles, Machine};
+use control::precheck::{MARGIN_M, Verdict};
 
 use crate::failure::{Exit, Failure, Outcome};
+use crate::link::text;
 
 /// Why a text file could not be read.
 #[derive(Debug, thiserror::Error)]
@@ -111,12 +112,33 @@ fn from_json(name: &str, text: &str) -> Outcome<Gait> {
 pub struct GaitCheck {
     /// Moves looked at.
     pub moves: u32,
-    /// Smallest certified clearance over the run, m.
+    /// Smallest certified clearance over the run, m; infinite for a robot that nobody checks.
     pub clearance_m: f32,
     /// Highest share of a joint's no-load speed that the gait asks for, 0 to 1.
     pub speed_share: f32,
     /// The joint with that share.
     pub fastest_joint: usize,
+}
+
+impl GaitCheck {
+    /// For people.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let speed = format!(
+            "fastest {} at {:.0} % of its no-load speed",
+            text::joint(self.fastest_joint as u8),
+            self.speed_share * 100.0
+        );
+        if self.clearance_m.is_finite() {
+            let clear_mm = self.clearance_m * 1e3;
+            format!(
+                "{speed}, {} moves clear by {clear_mm:.1} mm or more",
+                self.moves
+            )
+        } else {
+            format!("{speed}; nothing checks whether this robot meets itself")
+        }
+    }
 }
 
 /// Why the robot would not run a gait.
@@ -145,12 +167,12 @@ pub enum Unfit {
 ///
 /// # Errors
 /// [`Unfit`]
-pub fn check(gait: &Gait, model: &RobotModel) -> Result<GaitCheck, Unfit> {
-    gait.check_speed(model).map_err(Unfit::Robot)?;
+pub fn check(gait: &Gait, machine: &Machine) -> Result<GaitCheck, Unfit> {
+    gait.check_speed(machine.limits()).map_err(Unfit::Robot)?;
     let shares = gait
         .oscillators()
         .iter()
-        .zip(model.joints())
+        .zip(machine.limits())
         .map(|(oscillator, joint)| {
             oscillator.amplitude_rad * core::f32::consts::TAU * gait.frequency_hz()
                 / joint.no_load_speed_rad_s
@@ -161,14 +183,14 @@ pub fn check(gait: &Gait, model: &RobotModel) -> Result<GaitCheck, Unfit> {
             |best, (k, share)| if share > best.1 { (k, share) } else { best },
         );
     let mut state = control::cpg::start(gait);
-    let mut at: Option<[f32; JOINTS]> = None;
+    let mut at: Option<Angles> = None;
     let mut clearance_m = f32::INFINITY;
     let moves = (gait.duration_s() / control::CYCLE_S).ceil() as u32;
     for cycle in 0..=moves {
-        let Some(next) = control::cpg::step(gait, &mut state, control::CYCLE_S).joints() else {
+        let Some(next) = control::cpg::step(gait, &mut state, control::CYCLE_S).angles() else {
             break;
         };
-        match swept(model, &at.unwrap_or(next), &next, MARGIN_M) {
+        match machine.swept(&at.unwrap_or(next), &next, MARGIN_M) {
             Verdict::Clear { clearance_m: clear } => clearance_m = clearance_m.min(clear),
             Verdict::Blocked(blocked) => {
                 return Err(Unfit::Collision {

@@ -337,8 +337,10 @@ impl Run<'_> {
     /// Takes one unasked message; the end of this run ends the collection.
     fn take(&mut self, message: FromModule) -> Result<Option<RunEnd>, Stop> {
         match message {
-            FromModule::Sample(sample) => self.sample(&sample)?,
-            FromModule::SampleBlock(block) => self.block(&block)?,
+            FromModule::Sample(sample) | FromModule::SampleOf(sample) => self.sample(&sample)?,
+            FromModule::SampleBlock(block) | FromModule::SampleBlockOf(block) => {
+                self.block(&block)?;
+            }
             FromModule::Event(event) => {
                 self.changed |= matches!(event.kind, EventKind::GaitChanged { .. });
                 if matches!(event.kind, EventKind::RunStarted { .. }) {
@@ -457,7 +459,7 @@ impl Run<'_> {
                 from += 1;
             }
             let block = match self.robot.ask(&ToModule::Drain { from_sample: from }) {
-                Ok(FromModule::SampleBlock(block)) => block,
+                Ok(FromModule::SampleBlock(block) | FromModule::SampleBlockOf(block)) => block,
                 Ok(_) => return Err(LinkError::WrongAnswer { request: "drain" }.into()),
                 // Nothing kept: what is missing is counted.
                 Err(LinkError::Refused { .. }) => return Ok(()),

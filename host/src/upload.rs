@@ -3,12 +3,13 @@
 use std::path::Path;
 
 use control::gait::Gait;
+use control::machine::Machine;
 use protocol::link::{Digest, FromModule, SlotInfo, Tag, ToModule, WireGait};
 
 use crate::context::Context;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::gait_file::{self, GaitCheck};
-use crate::link::{LinkError, Robot, text};
+use crate::link::{LinkError, Robot};
 
 /// A gait in a slot of the robot.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,22 +33,23 @@ pub struct Options {
     pub verify: bool,
 }
 
-/// The host check with its verdict as an exit code.
+/// The host check for the robot `machine` with its verdict as an exit code.
 ///
 /// # Errors
 /// Exit code 7: the robot would refuse.
-pub fn host_check(context: &Context, gait: &Gait, path: &Path) -> Outcome<GaitCheck> {
-    let check = gait_file::check(gait, &context.robot_model()).map_err(|unfit| {
+pub fn host_check(
+    context: &Context,
+    gait: &Gait,
+    path: &Path,
+    machine: &Machine,
+) -> Outcome<GaitCheck> {
+    let check = gait_file::check(gait, machine).map_err(|unfit| {
         Failure::say(Exit::Refused, format!("{}: {unfit}", path.display()))
             .hint("this is the robot's own check, made before sending; `rb-host gait show --plot` draws the gait")
     })?;
-    context.out.detail(format_args!(
-        "host check: {} moves clear, closest {:.1} mm, fastest {} at {:.0} % of its no-load speed",
-        check.moves,
-        check.clearance_m * 1e3,
-        text::joint(check.fastest_joint as u8),
-        check.speed_share * 100.0
-    ));
+    context
+        .out
+        .detail(format_args!("host check: {}", check.words()));
     Ok(check)
 }
 

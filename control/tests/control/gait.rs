@@ -204,7 +204,7 @@ fn the_locked_start_is_a_fixed_point_of_the_coupling() {
 #[test]
 fn the_speed_check_names_joint_and_both_speeds() {
     let model = RobotModel::default();
-    assert_eq!(crawl().check_speed(&model), Ok(()));
+    assert_eq!(crawl().check_speed(model.joints()), Ok(()));
     // At 0.2 Hz the no-load speed is met at 127 deg (intra) and 92.6 deg (inter).
     for (joint, just, too_much) in [
         (0usize, 126.9, 127.2),
@@ -216,7 +216,7 @@ fn the_speed_check_names_joint_and_both_speeds() {
             let mut amplitudes = [10.0; 6];
             amplitudes[joint] = amplitude;
             let g = Gait::try_from(raw("g", amplitudes, [0.0; 6], [0.0; 5])).expect("valid");
-            match g.check_speed(&model) {
+            match g.check_speed(model.joints()) {
                 Ok(()) => assert!(ok, "joint {joint} at {amplitude} deg"),
                 Err(RobotMismatch::TooFast {
                     joint: k,
@@ -234,7 +234,7 @@ fn the_speed_check_names_joint_and_both_speeds() {
     five.links.clear();
     let five = Gait::try_from(five).expect("a network of any size is a gait");
     assert_eq!(
-        five.check_speed(&model),
+        five.check_speed(model.joints()),
         Err(RobotMismatch::JointCount {
             oscillators: 5,
             joints: 6

@@ -4,6 +4,7 @@ mod common;
 mod cpg;
 mod gait;
 mod kinematics;
+mod machine;
 mod math;
 mod motion;
 mod oracle;

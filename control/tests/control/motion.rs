@@ -4,6 +4,7 @@ use crate::common::{clash, crawl, gait};
 use crate::oracle;
 use control::cpg;
 use control::gait::Gait;
+use control::machine::{Angles, Machine};
 use control::motion::{
     BeginError, CycleOutput, MAX_LOOKAHEAD, MotionParams, MotionSettings, Planner, SettingsError,
 };
@@ -13,13 +14,17 @@ use control::supervisor::Motion;
 
 fn params(lookahead_cycles: u8) -> MotionParams {
     MotionParams::new(
-        RobotModel::default(),
+        Machine::default(),
         MotionSettings {
             lookahead_cycles,
             ..MotionSettings::default()
         },
     )
     .expect("valid")
+}
+
+fn bits(angles_rad: &[f32]) -> Vec<u32> {
+    angles_rad.iter().map(|angle| angle.to_bits()).collect()
 }
 
 /// Approaches from `pose` and returns every output up to the cycle in which the planner is in position.
@@ -38,8 +43,8 @@ fn approach(planner: &mut Planner, params: &MotionParams) -> Vec<CycleOutput> {
 }
 
 /// Every change of a set-point stays within the joint's speed, from `before` on.
-fn assert_slow(before: [f32; 6], outputs: &[CycleOutput]) {
-    let mut last = before;
+fn assert_slow(before: impl Into<Angles>, outputs: &[CycleOutput]) {
+    let mut last = before.into();
     for (cycle, out) in outputs.iter().enumerate() {
         for (k, joint) in RobotModel::default().joints().iter().enumerate() {
             let change = (out.set_point_rad[k] - last[k]).abs();
@@ -74,7 +79,7 @@ fn a_free_gait_leaves_as_the_cpg_computes_it() {
             [45.0; 5],
         ),
     ] {
-        let mut planner = Planner::begin(&p, &g, &[0.0; 6]).expect("begins");
+        let mut planner = Planner::begin(&p, &g, &[0.0; 6].into()).expect("begins");
         approach(&mut planner, &p);
         let mut state = cpg::start(&g);
         for cycle in 0..600 {
@@ -82,16 +87,8 @@ fn a_free_gait_leaves_as_the_cpg_computes_it() {
             let alone = cpg::step(&g, &mut state, control::CYCLE_S)
                 .joints()
                 .expect("six");
-            assert_eq!(
-                out.set_point_rad.map(f32::to_bits),
-                alone.map(f32::to_bits),
-                "cycle {cycle}"
-            );
-            assert_eq!(
-                out.gait_rad.map(f32::to_bits),
-                alone.map(f32::to_bits),
-                "cycle {cycle}"
-            );
+            assert_eq!(bits(&out.set_point_rad), bits(&alone), "cycle {cycle}");
+            assert_eq!(bits(&out.gait_rad), bits(&alone), "cycle {cycle}");
         }
         assert_eq!(planner.held_cycles(), 0);
     }
@@ -107,7 +104,7 @@ fn the_approach_reaches_the_offsets_slowly_and_waits_there() {
         [0.0; 5],
     );
     let pose = [0.3, -6.5, 0.2, -0.1, 0.0, 7.0];
-    let mut planner = Planner::begin(&p, &g, &pose).expect("begins");
+    let mut planner = Planner::begin(&p, &g, &pose.into()).expect("begins");
     let outputs = approach(&mut planner, &p);
     assert_slow(pose, &outputs);
     let x: Vec<f32> = g.oscillators().iter().map(|o| o.offset_rad).collect();
@@ -131,7 +128,7 @@ fn a_clash_is_held_before_it_happens_and_left_again() {
     for lookahead in [1, 20, MAX_LOOKAHEAD as u8] {
         let p = params(lookahead);
         let g = clash();
-        let mut planner = Planner::begin(&p, &g, &[0.0; 6]).expect("begins");
+        let mut planner = Planner::begin(&p, &g, &[0.0; 6].into()).expect("begins");
         let way = approach(&mut planner, &p);
         assert_slow([0.0; 6], &way);
         let start = *planner.applied_rad();
@@ -146,7 +143,8 @@ fn a_clash_is_held_before_it_happens_and_left_again() {
                     std::array::from_fn(|i| last[i] + s * (out.set_point_rad[i] - last[i]));
                 assert!(oracle.distance(&q).lower_m > 0.002, "{q:?}");
             }
-            unheld_would_collide += u32::from(oracle.distance(&out.gait_rad).lower_m <= 0.0);
+            unheld_would_collide +=
+                u32::from(oracle.distance(&out.gait_rad.meta_module()).lower_m <= 0.0);
             last = out.set_point_rad;
         }
         assert!(
@@ -167,7 +165,7 @@ fn the_look_ahead_holds_a_second_early_and_says_who_meets_whom() {
     let g = clash();
     let first_block = |lookahead: u8| {
         let p = params(lookahead);
-        let mut planner = Planner::begin(&p, &g, &[0.0; 6]).expect("begins");
+        let mut planner = Planner::begin(&p, &g, &[0.0; 6].into()).expect("begins");
         approach(&mut planner, &p);
         let outputs = run(&mut planner, &p, 200);
         let cycle = outputs.iter().position(|o| o.held).expect("is held");
@@ -187,7 +185,7 @@ fn the_look_ahead_holds_a_second_early_and_says_who_meets_whom() {
 fn a_measured_pose_that_would_be_driven_through_itself_holds() {
     let p = params(20);
     let g = crawl();
-    let mut planner = Planner::begin(&p, &g, &[0.0; 6]).expect("begins");
+    let mut planner = Planner::begin(&p, &g, &[0.0; 6].into()).expect("begins");
     approach(&mut planner, &p);
     run(&mut planner, &p, 20);
     let before = *planner.applied_rad();
@@ -202,13 +200,13 @@ fn a_measured_pose_that_would_be_driven_through_itself_holds() {
     ];
     assert!(precheck::clearance(&RobotModel::default(), &folded).clearance_m < 0.0);
     let out = planner
-        .cycle(&p, Motion::Run, Some(&folded))
+        .cycle(&p, Motion::Run, Some(&folded.into()))
         .expect("sound");
     assert!(out.held);
     assert_eq!(out.set_point_rad, before);
     assert!(out.blocked.is_some());
     let out = planner
-        .cycle(&p, Motion::Run, Some(&[f32::NAN; 6]))
+        .cycle(&p, Motion::Run, Some(&[f32::NAN; 6].into()))
         .expect("sound");
     assert!(out.held, "a pose that is no number is no proof");
     let later = run(&mut planner, &p, 200);
@@ -220,7 +218,7 @@ fn a_measured_pose_that_would_be_driven_through_itself_holds() {
 fn a_changed_gait_takes_over_without_a_jump() {
     let p = params(20);
     let (a, b) = (crawl(), gait("other", [10.0; 6], [30.0; 6], [0.0; 5]));
-    let mut planner = Planner::begin(&p, &a, &[0.0; 6]).expect("begins");
+    let mut planner = Planner::begin(&p, &a, &[0.0; 6].into()).expect("begins");
     approach(&mut planner, &p);
     let mut outputs = run(&mut planner, &p, 100);
     planner.retarget(&p, &b).expect("fits");
@@ -252,7 +250,7 @@ fn a_changed_gait_takes_over_without_a_jump() {
 fn a_stop_brings_the_amplitudes_to_zero_at_once_and_settles() {
     let p = params(20);
     let g = crawl();
-    let mut planner = Planner::begin(&p, &g, &[0.0; 6]).expect("begins");
+    let mut planner = Planner::begin(&p, &g, &[0.0; 6].into()).expect("begins");
     approach(&mut planner, &p);
     run(&mut planner, &p, 157);
     let before = *planner.applied_rad();
@@ -277,7 +275,7 @@ fn a_stop_brings_the_amplitudes_to_zero_at_once_and_settles() {
 #[test]
 fn a_stop_out_of_a_hold_stays_held() {
     let p = params(20);
-    let mut planner = Planner::begin(&p, &clash(), &[0.0; 6]).expect("begins");
+    let mut planner = Planner::begin(&p, &clash(), &[0.0; 6].into()).expect("begins");
     approach(&mut planner, &p);
     let cycles = (0..600).find(|_| planner.cycle(&p, Motion::Run, None).expect("sound").held);
     assert!(cycles.is_some());
@@ -306,7 +304,7 @@ fn an_approach_through_itself_is_refused_with_the_pair() {
         0.0,
     ];
     assert!(precheck::clearance(&RobotModel::default(), &pose).clearance_m > 0.003);
-    let mut planner = Planner::begin(&p, &g, &pose).expect("begins");
+    let mut planner = Planner::begin(&p, &g, &pose.into()).expect("begins");
     let mut reason = None;
     let mut last = CycleOutputEnd::default();
     for _ in 0..400 {
@@ -316,7 +314,11 @@ fn an_approach_through_itself_is_refused_with_the_pair() {
             blocked: out.approach_blocked,
             in_position: out.in_position,
         };
-        assert!(precheck::clearance(&RobotModel::default(), &out.set_point_rad).clearance_m > 0.0);
+        assert!(
+            precheck::clearance(&RobotModel::default(), &out.set_point_rad.meta_module())
+                .clearance_m
+                > 0.0
+        );
     }
     assert!(last.blocked && !last.in_position);
     assert!(reason.is_some());
@@ -333,13 +335,13 @@ fn what_does_not_fit_is_refused() {
     let p = params(20);
     let fast = gait("fast", [93.0; 6], [0.0; 6], [0.0; 5]);
     assert!(matches!(
-        Planner::begin(&p, &fast, &[0.0; 6]),
+        Planner::begin(&p, &fast, &[0.0; 6].into()),
         Err(BeginError::Mismatch(_))
     ));
     for bad in [f32::NAN, f32::INFINITY, -26.0] {
         let pose = [0.0, 0.0, 0.0, bad, 0.0, 0.0];
         assert!(matches!(
-            Planner::begin(&p, &crawl(), &pose),
+            Planner::begin(&p, &crawl(), &pose.into()),
             Err(BeginError::Pose { joint: 3, .. })
         ));
     }
@@ -348,7 +350,7 @@ fn what_does_not_fit_is_refused() {
         ..MotionSettings::default()
     };
     assert_eq!(
-        MotionParams::new(RobotModel::default(), settings),
+        MotionParams::new(Machine::default(), settings),
         Err(SettingsError::Lookahead)
     );
     let settings = MotionSettings {
@@ -356,7 +358,7 @@ fn what_does_not_fit_is_refused() {
         ..MotionSettings::default()
     };
     assert_eq!(
-        MotionParams::new(RobotModel::default(), settings),
+        MotionParams::new(Machine::default(), settings),
         Err(SettingsError::ApproachRatio)
     );
 }
@@ -415,8 +417,8 @@ fn any_gait_is_driven_safely() {
         if oracle.distance(&pose).lower_m < 0.005 {
             continue;
         }
-        let mut planner = Planner::begin(&p, &g, &pose).expect("begins");
-        let (mut last, mut measured) = (pose, pose);
+        let mut planner = Planner::begin(&p, &g, &pose.into()).expect("begins");
+        let (mut last, mut measured) = (Angles::from(pose), Angles::from(pose));
         let mut motion = Motion::Approach;
         for cycle in 0..700 {
             let out = planner
@@ -432,7 +434,7 @@ fn any_gait_is_driven_safely() {
             held += u32::from(out.held);
             assert_slow(last, &[out]);
             let middle: [f32; 6] = std::array::from_fn(|i| 0.5 * (last[i] + out.set_point_rad[i]));
-            for q in [middle, out.set_point_rad] {
+            for q in [middle, out.set_point_rad.meta_module()] {
                 assert!(
                     oracle.centre_distance_m(&q) > 2.0 * oracle::BALL_M + 0.01
                         || oracle.distance(&q).lower_m > 0.5e-3,
@@ -440,7 +442,7 @@ fn any_gait_is_driven_safely() {
                 );
             }
             last = out.set_point_rad;
-            for (m, q) in measured.iter_mut().zip(last) {
+            for (m, q) in measured.iter_mut().zip(last.iter()) {
                 *m += 0.6 * (q - *m) + rng.between(-0.002, 0.002) as f32;
             }
         }

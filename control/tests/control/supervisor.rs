@@ -7,6 +7,7 @@ use control::supervisor::{
 use proptest::prelude::*;
 
 const P: SupervisorParams = SupervisorParams {
+    joints: 6,
     duration_max_us: 3_600_000_000,
     lease_us: (100_000, 60_000_000),
     arm_max_us: 30_000_000,
@@ -441,7 +442,7 @@ fn any_event() -> impl Strategy<Value = Event> {
         6 => (0u64..100_000_000, 0u64..2_000_000).prop_map(|(duration_us, countdown_us)| Event::Order(Order::Start { duration_us, countdown_us, lease_us: None })),
         2 => Just(STOP),
         4 => Just(CLEAR),
-        4 => prop_oneof![Just(ALL_JOINTS), any::<u8>()].prop_map(|joint_mask| Event::Order(Order::Home { joint_mask })),
+        4 => prop_oneof![Just(ALL_JOINTS), any::<u16>()].prop_map(|joint_mask| Event::Order(Order::Home { joint_mask })),
         1 => Just(PRESS),
         2 => Just(RELEASE),
         1 => fault,

@@ -20,7 +20,7 @@ fn shipped_gaits_are_valid_and_within_joint_speeds() {
     for (name, text) in SHIPPED {
         let gait = parse(name, text).unwrap_or_else(|e| panic!("{e}"));
         assert_eq!(gait.name(), *name);
-        gait.check_speed(&control::robot::RobotModel::default())
+        gait.check_speed(control::robot::RobotModel::default().joints())
             .unwrap_or_else(|e| panic!("{name}: {e}"));
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{closed, described, document, number};
 use crate::model::Key;
-use crate::structure::{FORMAT, LENGTH_LIMIT_M, MASS_KG};
+use crate::structure::{FORMAT, LENGTH_LIMIT_M, MASS_KG, SPEED_RAD_S};
 use protocol::bus::Profile;
 use serde_json::{Map, Value, json};
 
@@ -53,6 +53,13 @@ fn body() -> Value {
             ),
             ("joint", described(index(), "index in gaits and recordings")),
             ("motor", json!({ "enum": ["intra", "inter", "connector"] })),
+            (
+                "no_load_speed_rad_s",
+                described(
+                    number(SPEED_RAD_S.0, SPEED_RAD_S.1),
+                    "of the real joint, as the firmware checks it; absent: that of the motor",
+                ),
+            ),
         ],
     )
 }
@@ -99,6 +106,13 @@ pub(super) fn schema() -> Value {
         ("cube_m", size(Key::Cube)),
         ("ball_radius_m", size(Key::BallRadius)),
         ("fixed_base", json!({ "type": "boolean" })),
+        (
+            "self_collision",
+            described(
+                json!({ "const": "unchecked" }),
+                "nothing checks whether the parts of the real robot meet, and its user knows; without it only the meta-module and one module run",
+            ),
+        ),
         ("bus", object(&["driver"], [("driver", driver())])),
         ("body", list(body(), 1)),
         ("half", list(half(), 1)),

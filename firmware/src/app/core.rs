@@ -8,6 +8,7 @@ use super::run::Run;
 use super::timing::Timing;
 use crate::ports::ResetCause;
 use crate::slots::{GAIT_SLOTS, Slots};
+use control::machine::{Contact, Machine};
 use control::motion::MotionParams;
 use control::robot::RobotModel;
 use control::supervisor::{
@@ -18,7 +19,7 @@ use protocol::link::message::MAX_BUS_BYTES;
 use protocol::link::telemetry::SampleLog;
 use protocol::link::{
     CrashRecord, Digest, EventKind, Fault, FaultInfo, Key, ModuleState, Nonce, Reject, RunEnd,
-    Sample, TelemetryRate, WireGait,
+    Sample, TelemetryRate, WireContact, WireGait,
 };
 use sha2::Digest as _;
 
@@ -83,6 +84,10 @@ pub(crate) enum Job {
         link: usize,
         profile: Profile,
     },
+    SetRobot {
+        link: usize,
+        machine: Machine,
+    },
 }
 
 impl Job {
@@ -93,7 +98,8 @@ impl Job {
             | Self::Erase { link, .. }
             | Self::Activate { link, .. }
             | Self::SetKey { link, .. }
-            | Self::SetDrivers { link, .. } => *link,
+            | Self::SetDrivers { link, .. }
+            | Self::SetRobot { link, .. } => *link,
         }
     }
 }
@@ -114,6 +120,8 @@ pub(crate) struct Settings {
     pub key: Option<Key>,
     pub active: Option<u8>,
     pub drivers: Profile,
+    /// The robot that a host has told; without one it is the one the firmware was built for.
+    pub machine: Option<Machine>,
 }
 
 /// Counts since boot that no other part keeps.
@@ -180,7 +188,10 @@ impl Session {
 
 /// The application without its link servers.
 pub struct Core {
+    /// Of the robot that is driven.
     pub(crate) motion: MotionParams,
+    /// The robot the firmware was built for.
+    pub(crate) built_as: Machine,
     pub(crate) model_digest: Digest,
     pub(crate) params: SupervisorParams,
     pub(crate) supervisor: Supervisor,
@@ -231,6 +242,7 @@ impl Core {
         Self {
             model_digest: Digest([0; 8]),
             motion: MotionParams::STRAIGHT,
+            built_as: Machine::meta_module(RobotModel::STRAIGHT),
             params: SupervisorParams::NOMINAL,
             supervisor: Supervisor::new(),
             motors: Motors::new(),
@@ -251,6 +263,7 @@ impl Core {
                 key: None,
                 active: None,
                 drivers: Profile::Packed,
+                machine: None,
             },
             job: None,
             bus_job: None,
@@ -278,8 +291,22 @@ impl Core {
 
     /// Sets robot and motion settings; before the boot.
     pub(crate) fn fit(&mut self, motion: MotionParams) {
-        self.model_digest = model_digest(motion.model());
         self.motion = motion;
+        self.built_as = *motion.machine();
+        self.be(self.built_as);
+    }
+
+    /// The geometry of a meta-module that the firmware was built with.
+    pub(crate) fn meta_module(&self) -> RobotModel {
+        self.built_as.model().copied().unwrap_or_default()
+    }
+
+    /// Drives this robot from now on; nothing is known of its drivers.
+    pub(crate) fn be(&mut self, machine: Machine) {
+        self.model_digest = model_digest(&machine);
+        self.motion = self.motion.with_machine(machine);
+        self.params.joints = machine.joints();
+        self.motors.equip(self.settings.drivers, machine.joints());
     }
 
     /// State as the link names it.
@@ -413,14 +440,20 @@ impl Core {
     }
 }
 
-/// First 8 bytes of SHA-256 over the model's numbers, little endian, in the order of the struct.
-fn model_digest(model: &RobotModel) -> Digest {
-    let params = model.params();
+/// First 8 bytes of SHA-256 over the model's numbers, little endian, in the order of the struct. A robot without a model has the number of what
+/// may meet in the model's place.
+fn model_digest(machine: &Machine) -> Digest {
     let mut hash = sha2::Sha256::new();
-    for value in [params.twist_rad, params.cube_m, params.ball_radius_m] {
-        hash.update(value.to_le_bytes());
+    match machine.contact() {
+        Contact::MetaModule(model) => {
+            let params = model.params();
+            for value in [params.twist_rad, params.cube_m, params.ball_radius_m] {
+                hash.update(value.to_le_bytes());
+            }
+        }
+        other => hash.update([WireContact::from(other).number()]),
     }
-    for joint in &params.joints {
+    for joint in machine.limits() {
         hash.update(joint.no_load_speed_rad_s.to_le_bytes());
     }
     let mut digest = [0; 8];

@@ -5,8 +5,7 @@ use super::motors::{Finding, Motor};
 use super::packets::{FIRST_ID, Values, collect};
 use super::timing::{STOP_AFTER, Slot};
 use control::motion::{CycleOutput, Planner};
-use control::robot::JOINTS;
-use control::supervisor::{ALL_JOINTS, Event as SupervisorEvent, Fault, Motion, State};
+use control::supervisor::{Event as SupervisorEvent, Fault, Motion, State};
 use protocol::bus::PackedFeedback;
 use protocol::link::telemetry::flags;
 use protocol::link::{EventKind, MotorSample, RunEnd, Sample, TelemetryRate};
@@ -38,7 +37,7 @@ impl Core {
         (self.now_us, self.cycle_us) = (due_us, due_us);
         self.inputs = inputs;
         let slot = self.timing.begin(due_us);
-        self.change_drivers();
+        self.change_robot();
         for motor in self.motors.iter_mut() {
             motor.begin_slot();
         }
@@ -61,19 +60,28 @@ impl Core {
         slot
     }
 
-    /// Goes over to the profile of the settings, between two exchanges. Its drivers have no zero yet.
-    fn change_drivers(&mut self) {
+    /// Goes over to the robot and the profile of the settings, between two exchanges. Its drivers have no zero yet.
+    fn change_robot(&mut self) {
         let profile = self.settings.drivers;
-        if self.motors.info().profile == profile {
+        let machine = self.settings.machine.unwrap_or(self.built_as);
+        let other_drivers = self.motors.info().profile != profile;
+        let other_robot = *self.motion.machine() != machine;
+        if !other_drivers && !other_robot {
             return;
         }
         let homed = self.supervisor.homed_mask();
-        for joint in (0..JOINTS as u8).filter(|joint| homed >> joint & 1 != 0) {
+        for joint in (0..self.motors.joints()).filter(|joint| homed >> joint & 1 != 0) {
             // A driver reset is never refused.
             let _ = self.supervise(SupervisorEvent::DriverReset { joint });
         }
-        self.motors.use_profile(profile);
-        self.event(EventKind::DriversChanged { profile });
+        self.be(machine);
+        if other_drivers {
+            self.event(EventKind::DriversChanged { profile });
+        }
+        if other_robot {
+            let (joints, contact) = (machine.joints(), machine.contact().into());
+            self.event(EventKind::RobotChanged { joints, contact });
+        }
     }
 
     fn watch_battery(&mut self) {
@@ -111,12 +119,13 @@ impl Core {
         feedback: PackedFeedback,
         latched_us: u64,
     ) -> bool {
-        let Some(motor) = self.motors.get_mut(joint) else {
+        let limits = self.motion.machine().limits().get(joint);
+        let (Some(motor), Some(limits)) = (self.motors.get_mut(joint), limits) else {
             return false;
         };
-        let findings = motor.absorb(self.motion.model(), joint, feedback, latched_us);
+        let findings = motor.absorb(limits, feedback, latched_us);
         let tripped = motor.watchdog_tripped();
-        // Joints are 0..6.
+        // Joints are 0..12.
         let joint = joint as u8;
         let mut ask = false;
         for finding in findings {
@@ -210,10 +219,9 @@ impl Core {
     }
 
     fn count_missing(&mut self) {
-        for joint in 0..JOINTS {
-            let finding = self.motors.get_mut(joint).and_then(Motor::end_cycle);
-            if finding == Some(Finding::Lost) {
-                let joint = joint as u8;
+        for joint in 0..self.motors.joints() {
+            let motor = self.motors.get_mut(usize::from(joint));
+            if motor.and_then(Motor::end_cycle) == Some(Finding::Lost) {
                 self.event(EventKind::MotorLost { joint });
                 self.fault_in_motion(Fault::DriverLost { joint });
             }
@@ -227,7 +235,7 @@ impl Core {
             return;
         }
         let off = self.motors.mask(|motor| motor.torque() == Some(false));
-        if let Some(joint) = (0..JOINTS as u8).find(|joint| off >> joint & 1 != 0) {
+        if let Some(joint) = (0..self.motors.joints()).find(|joint| off >> joint & 1 != 0) {
             self.fault_in_motion(Fault::DriverError { joint, bits: 0 });
         }
     }
@@ -262,7 +270,8 @@ impl Core {
         let measured = self.motors.positions_rad();
         let now_us = self.now_us;
         let state = self.supervisor.state();
-        let ready = self.motors.mask(|motor| motor.torque() == Some(true)) == ALL_JOINTS;
+        let on = self.motors.mask(|motor| motor.torque() == Some(true));
+        let ready = on == self.motion.machine().all_joints();
         let Some(run) = self.run.as_mut() else { return };
         run.age_cycles = run.age_cycles.saturating_add(1);
         if !run.is_intact() {
@@ -308,13 +317,13 @@ impl Core {
             .motors
             .iter_mut()
             .zip(FIRST_ID..)
-            .zip(values)
+            .zip(values.iter())
             .enumerate()
         {
             // Not to a driver that lost its zero, its torque or its voice.
             let homed = self.supervisor.homed_mask() >> index & 1 != 0;
             let fit = motor.present() && motor.torque() == Some(true) && homed;
-            let raw = motor.to_wire(info, angle_rad);
+            let raw = motor.to_wire(info, *angle_rad);
             out_of_range |= fit && raw.is_none();
             if let Some(raw) = raw.filter(|_| fit) {
                 motor.note_sent(raw);
@@ -415,7 +424,7 @@ impl Core {
             t_us: self.cycle_us,
             flags: self.out.flags,
             valid_mask: self.motors.mask(Motor::answered),
-            ..Sample::default()
+            ..Sample::of(self.motors.joints())
         };
         if self
             .run

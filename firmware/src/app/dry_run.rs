@@ -6,8 +6,8 @@
 
 use control::cpg::{self, CpgState};
 use control::gait::Gait;
-use control::precheck::{Blocked, Verdict, swept};
-use control::robot::{JOINTS, RobotModel};
+use control::machine::{Angles, Machine};
+use control::precheck::{Blocked, Verdict};
 
 /// Longest stretch that is simulated, s: a trial of the paper.
 pub const DRY_RUN_S: f32 = 30.0;
@@ -31,7 +31,7 @@ pub enum Progress {
 pub struct DryRun {
     gait: Gait,
     state: CpgState,
-    at: Option<[f32; JOINTS]>,
+    at: Option<Angles>,
     moves_left: u32,
 }
 
@@ -49,19 +49,19 @@ impl DryRun {
     }
 
     /// Checks the next moves.
-    pub fn advance(&mut self, model: &RobotModel, margin_m: f32) -> Progress {
+    pub fn advance(&mut self, machine: &Machine, margin_m: f32) -> Progress {
         for _ in 0..MOVES_PER_STEP {
             if self.moves_left == 0 {
                 return Progress::Clear;
             }
             self.moves_left -= 1;
-            let Some(next) = cpg::step(&self.gait, &mut self.state, control::CYCLE_S).joints()
+            let Some(next) = cpg::step(&self.gait, &mut self.state, control::CYCLE_S).angles()
             else {
-                // `Gait::check_speed` has made sure of six oscillators.
+                // A gait has at least one oscillator.
                 return Progress::Clear;
             };
             if let Verdict::Blocked(blocked) =
-                swept(model, &self.at.unwrap_or(next), &next, margin_m)
+                machine.swept(&self.at.unwrap_or(next), &next, margin_m)
             {
                 return Progress::Blocked(blocked);
             }

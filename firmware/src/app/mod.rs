@@ -313,7 +313,7 @@ impl Core {
             && !session.silent
             && let Some(block) = self.telemetry.next_unsent()
         {
-            return Some(FromModule::SampleBlock(block.clone()));
+            return Some(block.clone().into());
         }
         if session.end_due
             && let Some(end) = self.run_end
@@ -323,7 +323,7 @@ impl Core {
         }
         if session.live {
             session.live = false;
-            return Some(FromModule::Sample(self.live));
+            return Some(self.live.clone().into());
         }
         None
     }

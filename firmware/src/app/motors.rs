@@ -1,10 +1,11 @@
-//! What the module knows of its six drivers, and what it believes.
+//! What the module knows of its drivers, and what it believes.
 //!
 //! A CRC-16 lets one wrong frame through every few hours on a noisy wire, so no reading is believed on its checksum
 //! alone: each must fit the one before. What does not fit becomes a [`Finding`], never a command.
 
 use super::setup::Setup;
-use control::robot::{JOINTS, RobotModel};
+use control::machine::{Angles, MAX_JOINTS};
+use control::robot::JointLimits;
 use protocol::bus::feedback::status;
 use protocol::bus::{PackedFeedback, Profile, ProfileInfo};
 use protocol::link::WrongDriver;
@@ -147,8 +148,7 @@ impl Motor {
     /// Takes a reading. `now_us` is the time it was complete.
     pub fn absorb(
         &mut self,
-        model: &RobotModel,
-        joint: usize,
+        limits: &JointLimits,
         feedback: PackedFeedback,
         now_us: u64,
     ) -> Findings {
@@ -177,7 +177,7 @@ impl Motor {
             if last.tick_4us == feedback.tick_4us && (soon || last == feedback) {
                 return findings;
             }
-            if self.jumped(model, joint, &last, &feedback, now_us) {
+            if self.jumped(limits, &last, &feedback, now_us) {
                 find(Finding::Jump);
             }
         }
@@ -206,16 +206,12 @@ impl Motor {
 
     fn jumped(
         &self,
-        model: &RobotModel,
-        joint: usize,
+        limits: &JointLimits,
         last: &PackedFeedback,
         now: &PackedFeedback,
         now_us: u64,
     ) -> bool {
-        let speed_rad_s = model
-            .joints()
-            .get(joint)
-            .map_or(0.0, |limits| limits.no_load_speed_rad_s);
+        let speed_rad_s = limits.no_load_speed_rad_s;
         let dt_s = (now_us - self.last_us).min(1_000_000) as f32 * 1e-6;
         let step_rad = units::rad_from_urad(now.position_urad.saturating_sub(last.position_urad));
         step_rad.abs() > speed_rad_s * SPEED_MARGIN * dt_s + STEP_MARGIN_RAD
@@ -456,7 +452,9 @@ impl Motor {
 #[derive(Debug)]
 pub struct Motors {
     info: &'static ProfileInfo,
-    motors: [Motor; JOINTS],
+    /// Those beyond `joints` are never used.
+    motors: [Motor; MAX_JOINTS],
+    joints: u8,
 }
 
 impl Default for Motors {
@@ -466,18 +464,20 @@ impl Default for Motors {
 }
 
 impl Motors {
-    /// None seen; of our own profile.
+    /// None seen; those of a meta-module, of our own profile.
     #[must_use]
     pub const fn new() -> Self {
         Self {
             info: Profile::Packed.info(),
-            motors: [const { Motor::new(Setup::Ready) }; JOINTS],
+            motors: [const { Motor::new(Setup::Ready) }; MAX_JOINTS],
+            joints: control::robot::JOINTS as u8,
         }
     }
 
-    /// Goes over to another profile: none seen.
-    pub fn use_profile(&mut self, profile: Profile) {
+    /// Goes over to another profile or number of joints: none seen.
+    pub fn equip(&mut self, profile: Profile, joints: u8) {
         self.info = profile.info();
+        self.joints = joints;
         for motor in &mut self.motors {
             *motor = Motor::new(Setup::begin(self.info));
         }
@@ -491,8 +491,7 @@ impl Motors {
 
     /// Drivers of another profile, and those that do not take their settings.
     pub fn wrong(&self) -> impl Iterator<Item = WrongDriver> {
-        self.motors
-            .iter()
+        self.iter()
             .zip(0..)
             .filter_map(|(motor, joint)| motor.wrong(joint))
     }
@@ -500,39 +499,54 @@ impl Motors {
     /// The driver of a joint.
     #[must_use]
     pub fn get(&self, joint: usize) -> Option<&Motor> {
-        self.motors.get(joint)
+        self.in_use().get(joint)
     }
 
     /// The driver of a joint, to change.
     pub fn get_mut(&mut self, joint: usize) -> Option<&mut Motor> {
-        self.motors.get_mut(joint)
+        self.in_use_mut().get_mut(joint)
     }
 
     /// In joint order.
     pub fn iter(&self) -> impl Iterator<Item = &Motor> {
-        self.motors.iter()
+        self.in_use().iter()
     }
 
     /// In joint order, to change.
     pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut Motor> {
-        self.motors.iter_mut()
+        self.in_use_mut().iter_mut()
     }
 
     /// Bit k: `test` holds for driver k.
-    pub fn mask(&self, test: impl Fn(&Motor) -> bool) -> u8 {
-        self.motors
-            .iter()
+    pub fn mask(&self, test: impl Fn(&Motor) -> bool) -> u16 {
+        self.iter()
             .zip(0..)
-            .fold(0, |mask, (motor, bit)| mask | u8::from(test(motor)) << bit)
+            .fold(0, |mask, (motor, bit)| mask | u16::from(test(motor)) << bit)
     }
 
-    /// Measured angles, rad, when all six are fresh.
+    /// Measured angles, rad, when all are fresh.
     #[must_use]
-    pub fn positions_rad(&self) -> Option<[f32; JOINTS]> {
-        let mut angles = [0.0; JOINTS];
-        for (angle, motor) in angles.iter_mut().zip(&self.motors) {
+    pub fn positions_rad(&self) -> Option<Angles> {
+        let mut angles = [0.0; MAX_JOINTS];
+        for (angle, motor) in angles.iter_mut().zip(self.iter()) {
             *angle = motor.position_rad()?;
         }
-        Some(angles)
+        Angles::new(angles.get(..usize::from(self.joints))?)
+    }
+
+    /// Number of joints.
+    #[must_use]
+    pub fn joints(&self) -> u8 {
+        self.joints
+    }
+
+    fn in_use(&self) -> &[Motor] {
+        self.motors.get(..usize::from(self.joints)).unwrap_or(&[])
+    }
+
+    fn in_use_mut(&mut self) -> &mut [Motor] {
+        self.motors
+            .get_mut(..usize::from(self.joints))
+            .unwrap_or(&mut [])
     }
 }

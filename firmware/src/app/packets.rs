@@ -1,7 +1,7 @@
 //! What the bus master's packets are made of: addresses, lists of drivers, values.
 
 use super::core::Core;
-use control::robot::JOINTS;
+use control::machine::MAX_JOINTS;
 use heapless::Vec;
 use protocol::bus::{Field, ProfileInfo, Request};
 
@@ -10,13 +10,13 @@ pub const FIRST_ID: u8 = 1;
 
 /// Bus address of a joint.
 pub(super) fn id_of(joint: usize) -> u8 {
-    // Joints are 0..6.
+    // Joints are 0..12.
     FIRST_ID.saturating_add(joint as u8)
 }
 
 /// Takes the first joint off a list.
-pub(super) fn take_first(mask: &mut u8) -> Option<usize> {
-    let joint = (0..JOINTS).find(|joint| *mask >> joint & 1 != 0)?;
+pub(super) fn take_first(mask: &mut u16) -> Option<usize> {
+    let joint = (0..MAX_JOINTS).find(|joint| *mask >> joint & 1 != 0)?;
     *mask &= !(1 << joint);
     Some(joint)
 }
@@ -33,14 +33,14 @@ pub(super) fn torque_on(core: &Core) -> Option<Request> {
     sync_write(info, &info.torque, &collect(ids_of(off).map(|id| (id, 1))))
 }
 
-pub(super) fn ids_of(mask: u8) -> impl Iterator<Item = u8> {
-    (0..JOINTS)
+pub(super) fn ids_of(mask: u16) -> impl Iterator<Item = u8> {
+    (0..MAX_JOINTS)
         .filter(move |joint| mask >> joint & 1 != 0)
         .map(id_of)
 }
 
 /// Values for [`Request::sync_write`].
-pub(crate) type Values = Vec<(u8, i32), JOINTS>;
+pub(crate) type Values = Vec<(u8, i32), MAX_JOINTS>;
 
 pub(crate) fn collect(values: impl Iterator<Item = (u8, i32)>) -> Values {
     let mut list = Values::new();

@@ -2,7 +2,6 @@
 
 use control::gait::Gait;
 use control::motion::Planner;
-use control::robot::JOINTS;
 use control::supervisor::{State, StopReason};
 use protocol::crc::Crc32c;
 use protocol::link::{Digest, EndReason, RunEnd, StartOrder, TelemetryRate, WireGait};
@@ -74,7 +73,7 @@ impl Run {
     }
 
     /// Counts one CPG cycle and its set-points.
-    pub fn count(&mut self, set_point_rad: &[f32; JOINTS]) {
+    pub fn count(&mut self, set_point_rad: &[f32]) {
         self.cycles = self.cycles.saturating_add(1);
         for angle in set_point_rad {
             self.crc.update(&angle.to_le_bytes());

@@ -6,6 +6,7 @@ use super::run::Run;
 use crate::crash;
 use crate::slots::GAIT_SLOTS;
 use control::gait::Gait;
+use control::machine::Contact;
 use control::motion::RetargetError;
 use control::supervisor::{Event as SupervisorEvent, Order};
 use heapless::Vec;
@@ -14,9 +15,9 @@ use protocol::link::event::Event;
 use protocol::link::message::MAX_EVENTS;
 use protocol::link::status::MAX_FIRMWARE_ID;
 use protocol::link::{
-    ALL_JOINTS, BusAnswer, Counters, CrashRecord, Digest, Drivers, EventKind, GaitReject, Hello,
-    Info, Key, MAX_SLOTS, ModuleHandler, ModuleState, Nonce, Outcome, Reject, ResetCause,
-    SampleBlock, SlotInfo, StartOrder, StorageFault, StoredGait, TelemetryRate, VERSION, WireGait,
+    BusAnswer, Counters, CrashRecord, Digest, Drivers, EventKind, GaitReject, Hello, Info, Key,
+    MAX_SLOTS, ModuleHandler, ModuleState, Nonce, Outcome, Reject, ResetCause, SampleBlock,
+    SlotInfo, StartOrder, StorageFault, StoredGait, TelemetryRate, VERSION, WireGait, WireRobot,
 };
 
 /// Longest time a raw bus packet listens, ms.
@@ -69,8 +70,8 @@ impl Visitor<'_> {
             .ok_or(Reject::SlotEmpty)
     }
 
-    /// The gait of a slot, if it is the one the host means. Stored gaits were checked at upload; checked again, because flash is another source than
-    /// the link.
+    /// The gait of a slot, if it is the one the host means and the robot is one that it fits. Stored gaits were checked at upload; checked again,
+    /// because flash is another source than the link, and the robot may be another since.
     fn gait(&self, slot: u8, digest: Digest) -> Result<Gait, Reject> {
         let stored = self.stored(slot)?;
         if stored.digest != digest {
@@ -78,9 +79,12 @@ impl Visitor<'_> {
                 stored: stored.digest,
             });
         }
-        Gait::try_from(&stored.gait).map_err(|_| Reject::Storage {
+        let gait = Gait::try_from(&stored.gait).map_err(|_| Reject::Storage {
             fault: StorageFault::Damaged,
-        })
+        })?;
+        gait.check_speed(self.core.motion.machine().limits())
+            .map_err(|error| Reject::Gait(GaitReject::from(error)))?;
+        Ok(gait)
     }
 }
 
@@ -168,7 +172,7 @@ impl ModuleHandler for Visitor<'_> {
         let checked =
             Gait::try_from(gait).map_err(|error| Reject::Gait(GaitReject::from(error)))?;
         checked
-            .check_speed(self.core.motion.model())
+            .check_speed(self.core.motion.machine().limits())
             .map_err(|error| Reject::Gait(GaitReject::from(error)))?;
         // Stored as the checked gait writes itself, so the fingerprint is that of the host's own canonical form.
         let gait = WireGait::from(&checked);
@@ -229,6 +233,9 @@ impl ModuleHandler for Visitor<'_> {
         if self.core.entropy.is_none() {
             return Err(Reject::NoEntropy);
         }
+        if *self.core.motion.machine().contact() == Contact::Unstated {
+            return Err(Reject::ContactUnstated);
+        }
         if self.core.job.is_some() || self.core.bus_job.is_some() {
             return Err(self.or_held(Reject::Busy));
         }
@@ -239,7 +246,7 @@ impl ModuleHandler for Visitor<'_> {
         if let Some(wrong) = self.core.motors.wrong().next() {
             return Err(Reject::WrongDriver(wrong));
         }
-        let missing_mask = ALL_JOINTS
+        let missing_mask = self.core.motion.machine().all_joints()
             & !self
                 .core
                 .motors
@@ -262,7 +269,8 @@ impl ModuleHandler for Visitor<'_> {
             session.beats = 0;
             session.silent = false;
         }
-        self.core.telemetry.begin(self.core.runs);
+        let joints = self.core.motors.joints();
+        self.core.telemetry.begin(self.core.runs, joints);
         self.core.recording = order.rate != TelemetryRate::Off;
         self.core.run_link = self.link;
         self.core.run = Some(Run::new(self.core.runs, gait, order, self.link));
@@ -304,8 +312,8 @@ impl ModuleHandler for Visitor<'_> {
         Ok(Outcome::Done(()))
     }
 
-    fn zero(&mut self, joint_mask: u8) -> Result<Outcome, Reject> {
-        if joint_mask == 0 || joint_mask & !ALL_JOINTS != 0 {
+    fn zero(&mut self, joint_mask: u16) -> Result<Outcome, Reject> {
+        if joint_mask == 0 || joint_mask & !self.core.motion.machine().all_joints() != 0 {
             return Err(Reject::JointMask);
         }
         let state = self.core.state();
@@ -414,6 +422,23 @@ impl ModuleHandler for Visitor<'_> {
             profile,
         });
         Ok(Outcome::Pending)
+    }
+
+    fn set_robot(&mut self, robot: &WireRobot) -> Result<Outcome, Reject> {
+        self.core.may_write()?;
+        let machine = robot
+            .machine(&self.core.meta_module())
+            .map_err(|error| Reject::Robot(error.into()))?;
+        self.core.job = Some(Job::SetRobot {
+            link: self.link,
+            machine,
+        });
+        Ok(Outcome::Pending)
+    }
+
+    fn robot(&mut self) -> Result<WireRobot, Reject> {
+        let told = self.core.settings.machine;
+        Ok(WireRobot::from(&told.unwrap_or(self.core.built_as)))
     }
 
     fn drivers(&mut self) -> Drivers {

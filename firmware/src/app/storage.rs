@@ -8,19 +8,26 @@ use crate::entropy::EntropyError;
 use crate::ports::{ResetCause, SlotStore};
 use crate::slots::{CRASH_PAIR, GAIT_SLOTS, SETTINGS_PAIR, SlotError};
 use control::gait::Gait;
+use control::machine::{MAX_JOINTS, Machine};
 use control::supervisor::{Event as SupervisorEvent, Fault};
 use protocol::bus::Profile;
 use protocol::link::gait::MAX_GAIT;
 use protocol::link::{
-    Completed, EventKind, KEY_LEN, Key, Reject, StorageFault, StoredGait, WireGait,
+    Completed, EventKind, KEY_LEN, Key, Reject, StorageFault, StoredGait, WireContact, WireGait,
+    WireRobot,
 };
 use sha2::Digest as _;
 
 /// Clearance that every move of an uploaded gait keeps.
 const MARGIN_M: f32 = control::precheck::MARGIN_M;
-/// Settings record: format, active slot + 1 or 0, key present, key, number of the drivers' profile.
-const SETTINGS_BYTES: usize = 4 + KEY_LEN;
-const SETTINGS_FORMAT: u8 = 2;
+/// Settings record: format, active slot + 1 or 0, key present, key, number of the drivers' profile, number of what of the robot may meet, its joints or
+/// 0 where no host has told them, their no-load speeds.
+const SETTINGS_BYTES: usize = SETTINGS_BYTES_2 + 2 + SPEEDS_BYTES;
+const SETTINGS_FORMAT: u8 = 3;
+const SPEEDS_BYTES: usize = 4 * MAX_JOINTS;
+/// As written before there were robots of other than six joints: without what is said of the robot.
+const SETTINGS_BYTES_2: usize = 4 + KEY_LEN;
+const SETTINGS_FORMAT_2: u8 = 2;
 /// As written before there were profiles: without the last byte, and every driver ours.
 const SETTINGS_BYTES_1: usize = 3 + KEY_LEN;
 const SETTINGS_FORMAT_1: u8 = 1;
@@ -68,7 +75,7 @@ impl Core {
 
         let _ = self.slots.recover(store);
         self.settings = self.read_settings(store);
-        self.motors.use_profile(self.settings.drivers);
+        self.be(self.settings.machine.unwrap_or(self.built_as));
         for slot in 0..GAIT_SLOTS {
             let stored = self.read_gait(store, slot);
             if let Some(place) = self.gaits.get_mut(slot) {
@@ -89,9 +96,16 @@ impl Core {
     fn read_settings<S: SlotStore>(&self, store: &mut S) -> Settings {
         let mut bytes = [0; SETTINGS_BYTES];
         let read = self.slots.read(store, SETTINGS_PAIR, &mut bytes);
-        let [format, active, keyed, key @ .., drivers] = bytes;
+        let (head, told) = bytes.split_at(SETTINGS_BYTES_2);
+        let Ok([format, active, keyed, key @ .., drivers]) =
+            <[u8; SETTINGS_BYTES_2]>::try_from(head)
+        else {
+            return Settings::default();
+        };
         let drivers = match (read, format) {
-            (Ok(SETTINGS_BYTES), SETTINGS_FORMAT) => Profile::from_number(drivers),
+            (Ok(SETTINGS_BYTES), SETTINGS_FORMAT) | (Ok(SETTINGS_BYTES_2), SETTINGS_FORMAT_2) => {
+                Profile::from_number(drivers)
+            }
             (Ok(SETTINGS_BYTES_1), SETTINGS_FORMAT_1) => Some(Profile::Packed),
             _ => return Settings::default(),
         };
@@ -99,19 +113,34 @@ impl Core {
             key: (keyed == 1).then_some(Key(key)),
             // One of a later firmware: ours answer to nothing there, and nothing moves.
             drivers: drivers.unwrap_or_default(),
+            machine: self.read_robot(told),
             active: active
                 .checked_sub(1)
                 .filter(|slot| usize::from(*slot) < GAIT_SLOTS),
         }
     }
 
-    /// A record counts as a gait only when it passes the same checks as an upload, but for the simulated motion.
+    /// The robot of the settings. What cannot be is taken as never told.
+    fn read_robot(&self, told: &[u8]) -> Option<Machine> {
+        let ([contact, joints], speeds) = told.split_first_chunk::<2>()?;
+        let mut robot = WireRobot {
+            contact: WireContact::from_number(*contact)?,
+            speeds_rad_s: heapless::Vec::new(),
+        };
+        for speed in speeds.chunks_exact(4).take(usize::from(*joints)) {
+            let bytes = speed.first_chunk::<4>()?;
+            // At most MAX_JOINTS: the record holds no more.
+            let _ = robot.speeds_rad_s.push(f32::from_le_bytes(*bytes));
+        }
+        robot.machine(&self.meta_module()).ok()
+    }
+
+    /// A record counts as a gait only when it passes the same checks as an upload, but for those that need the robot: those come at its start.
     fn read_gait<S: SlotStore>(&self, store: &mut S, slot: usize) -> Option<Stored> {
         let mut bytes = [0; MAX_GAIT];
         let len = self.slots.read(store, slot, &mut bytes).ok()?;
         let gait = WireGait::from_bytes(bytes.get(..len)?)?;
-        let checked = Gait::try_from(&gait).ok()?;
-        checked.check_speed(self.motion.model()).ok()?;
+        Gait::try_from(&gait).ok()?;
         Some(Stored {
             digest: gait.digest(),
             generation: self.slots.sequence(slot)?,
@@ -136,7 +165,7 @@ impl Core {
     pub(crate) fn work<S: SlotStore>(&mut self, store: &mut S) -> Option<Option<Finished>> {
         if let Job::Put { link, check, .. } = self.job.as_mut()? {
             let link = *link;
-            match check.advance(self.motion.model(), MARGIN_M) {
+            match check.advance(self.motion.machine(), MARGIN_M) {
                 Progress::More => return Some(None),
                 Progress::Clear => {}
                 Progress::Blocked(blocked) => {
@@ -169,6 +198,7 @@ impl Core {
             }
             Job::SetKey { link, key } => (link, self.store_key(store, key)),
             Job::SetDrivers { link, profile } => (link, self.store_drivers(store, profile)),
+            Job::SetRobot { link, machine } => (link, self.store_robot(store, machine)),
         }
     }
 
@@ -261,6 +291,22 @@ impl Core {
         Ok(Completed::Ack)
     }
 
+    /// Stores a robot; the next cycle goes over to it.
+    fn store_robot<S: SlotStore>(
+        &mut self,
+        store: &mut S,
+        machine: Machine,
+    ) -> Result<Completed, Reject> {
+        self.store_settings(
+            store,
+            Settings {
+                machine: Some(machine),
+                ..self.settings
+            },
+        )?;
+        Ok(Completed::Ack)
+    }
+
     fn store_settings<S: SlotStore>(
         &mut self,
         store: &mut S,
@@ -273,11 +319,18 @@ impl Core {
             u8::from(settings.key.is_some()),
         ];
         let key = settings.key.map_or([0; KEY_LEN], |key| key.0);
-        let drivers = [settings.drivers as u8];
-        for (place, byte) in bytes
-            .iter_mut()
-            .zip(head.into_iter().chain(key).chain(drivers))
-        {
+        let told = settings.machine.as_ref();
+        let robot = [
+            settings.drivers as u8,
+            told.map_or(0, |machine| WireContact::from(machine.contact()).number()),
+            told.map_or(0, Machine::joints),
+        ];
+        let limits = told.map_or(&[][..], Machine::limits);
+        let speeds = limits
+            .iter()
+            .flat_map(|joint| joint.no_load_speed_rad_s.to_le_bytes());
+        let all = head.into_iter().chain(key).chain(robot).chain(speeds);
+        for (place, byte) in bytes.iter_mut().zip(all) {
             *place = byte;
         }
         self.slots

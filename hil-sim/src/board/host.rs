@@ -115,7 +115,7 @@ impl BoardHost {
                 FromModule::SampleBlock(block) if !asked => self.blocks.push(block),
                 FromModule::RunEnd(end) => self.ends.push(end),
                 // Events and live samples number themselves.
-                FromModule::Event(_) | FromModule::Sample(_) => {}
+                FromModule::Event(_) | FromModule::Sample(_) | FromModule::SampleOf(_) => {}
                 other if asked => answer = Some(other),
                 _ => {}
             }

@@ -4,6 +4,7 @@ use super::EmulatedRobot;
 use super::link::LinkLine;
 use super::wire::MotorBus;
 use control::gait::Gait;
+use control::machine::all_joints;
 use protocol::link::{
     Client, Digest, Event, EventKind, FromModule, Key, MAX_FRAME, Nonce, Reject, RunEnd, Sample,
     SampleBlock, Tag, TelemetryRate, ToModule, WireGait,
@@ -147,12 +148,14 @@ impl SimHost {
             match received.message {
                 FromModule::Event(event) => self.events.push(event),
                 // Unasked messages count their own sequence, so a block is an answer only to `Drain`.
-                FromModule::SampleBlock(block)
+                FromModule::SampleBlock(block) | FromModule::SampleBlockOf(block)
                     if !self.draining || Some(received.header.sequence) != sequence =>
                 {
                     self.blocks.push(block);
                 }
-                FromModule::Sample(sample) => self.live.push(sample),
+                FromModule::Sample(sample) | FromModule::SampleOf(sample) => {
+                    self.live.push(sample);
+                }
                 FromModule::RunEnd(end) => self.ends.push(end),
                 other if Some(received.header.sequence) == sequence => answer = Some(other),
                 _ => {}
@@ -189,13 +192,12 @@ impl SimHost {
     pub fn home<M: MotorBus>(&mut self, robot: &mut EmulatedRobot<M>) -> Result<(), AskError> {
         robot.run_for(200_000);
         self.hello(robot)?;
-        self.ask(
-            robot,
-            &ToModule::Zero {
-                joint_mask: 63,
-                tag: Tag::NONE,
-            },
-        )?;
+        let joints = match self.ask(robot, &ToModule::GetRobot)? {
+            FromModule::Robot(robot) => robot.speeds_rad_s.len() as u8,
+            other => return Err(AskError::Unexpected(Box::new(other))),
+        };
+        let (joint_mask, tag) = (all_joints(joints), Tag::NONE);
+        self.ask(robot, &ToModule::Zero { joint_mask, tag })?;
         Ok(())
     }
 
@@ -270,8 +272,12 @@ impl SimHost {
                 .last()
                 .map_or(from_sample, |block| block.first + u32::from(block.count));
             match self.ask(robot, &ToModule::Drain { from_sample })? {
-                FromModule::SampleBlock(block) if block.count == 0 => return Ok(blocks),
-                FromModule::SampleBlock(block) => blocks.push(block),
+                FromModule::SampleBlock(block) | FromModule::SampleBlockOf(block) => {
+                    if block.count == 0 {
+                        return Ok(blocks);
+                    }
+                    blocks.push(block);
+                }
                 other => return Err(AskError::Unexpected(Box::new(other))),
             }
         }

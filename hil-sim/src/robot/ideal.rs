@@ -262,7 +262,7 @@ impl DriverHandler for Ideal {
     }
 }
 
-/// Six ideal drivers, ids 1..=6, on a bus with byte times.
+/// Ideal drivers, ids from 1 on, on a bus with byte times.
 #[derive(Debug, Clone)]
 pub struct IdealMotors {
     bus: Bus,
@@ -283,16 +283,22 @@ pub struct IdealMotors {
 }
 
 impl IdealMotors {
-    /// All six present, at their zero, torque off.
+    /// Six of them, all present, at their zero, torque off.
     #[must_use]
     pub fn new(echo: bool) -> Self {
+        Self::of(6, echo)
+    }
+
+    /// So many of them, all present, at their zero, torque off.
+    #[must_use]
+    pub fn of(drivers: u8, echo: bool) -> Self {
         let params = BusParams {
             echo,
             ..BusParams::default()
         };
         Self {
             bus: Bus::new(params, 0),
-            drivers: (1..=6)
+            drivers: (1..=drivers)
                 .map(|id| (DriverServer::new(10_000), Ideal::new(id)))
                 .collect(),
             inbox: VecDeque::new(),

@@ -70,10 +70,11 @@ pub struct EmulatedRobot<M: MotorBus + 'static = IdealMotors> {
 }
 
 impl EmulatedRobot<IdealMotors> {
-    /// A robot with ideal drivers, just powered.
+    /// A robot with ideal drivers, one for each of its joints, just powered.
     #[must_use]
     pub fn ideal(setup: Setup) -> Self {
-        Self::with_motors(setup, IdealMotors::new(false))
+        let joints = setup.motion.machine().joints();
+        Self::with_motors(setup, IdealMotors::of(joints, false))
     }
 }
 

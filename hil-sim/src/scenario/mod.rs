@@ -8,7 +8,9 @@ mod reader;
 
 use std::sync::Arc;
 
+use control::machine::Machine;
 use files::model::Model;
+use files::structure::{NoMachine, Structure};
 use thiserror::Error;
 use toml::de::DeTable;
 
@@ -44,6 +46,8 @@ pub struct Scenario {
     pub start: StartParams,
     /// What watches the robot on the ground.
     pub lab: LabParams,
+    /// The robot as its firmware is built for it.
+    pub machine: Machine,
 }
 
 /// What the joints carry.
@@ -227,6 +231,39 @@ pub fn parse(file: &str, text: &str) -> Result<Scenario, ScenarioError> {
         motors_of_model,
         start,
         lab,
+        machine: Machine::default(),
+    })
+}
+
+/// The robot of a `robot.toml` on stands: catalogue motors without faults, one for each of its joints, on drivers of ours.
+///
+/// # Errors
+/// It is no robot that the firmware drives.
+pub fn of_structure(structure: &Structure) -> Result<Scenario, NoMachine> {
+    let machine = structure.machine()?;
+    let mut kinds: Vec<(usize, JointKind)> = Vec::new();
+    for hinge in structure.bodies.iter().flatten() {
+        match hinge.motor {
+            files::structure::Motor::Intra => kinds.push((hinge.joint, JointKind::Intra)),
+            files::structure::Motor::Inter => kinds.push((hinge.joint, JointKind::Inter)),
+            files::structure::Motor::Connector => {}
+        }
+    }
+    kinds.sort_unstable_by_key(|(joint, _)| *joint);
+    let joints: Vec<JointParams> = kinds
+        .into_iter()
+        .map(|(_, kind)| kind.catalogue_joint())
+        .collect();
+    Ok(Scenario {
+        name: structure.name.clone(),
+        world: WorldParams::of(1, &joints),
+        body: BodyKind::Stand,
+        model_file: None,
+        model: Model::hand_tuned(),
+        motors_of_model: false,
+        start: StartParams::default(),
+        lab: LabParams::default(),
+        machine,
     })
 }
 

@@ -148,7 +148,10 @@ impl Desk {
                 self.record.damaged = Some(format!("sample {index} cannot be read"));
                 return;
             };
-            let goals = sample.motors.map(|motor| motor.setpoint_urad);
+            let mut goals = [0; 6];
+            for (goal, motor) in goals.iter_mut().zip(&sample.motors) {
+                *goal = motor.setpoint_urad;
+            }
             let new = (sample.t_us, goals, sample.flags);
             let old = self.record.samples.insert(index, new);
             if old.is_some_and(|old| old != new) {

@@ -9,7 +9,7 @@ use super::reading::{EDGE_M, end_cubes_apart_m, read_packet};
 use super::wire::{Sent, Watched};
 use crate::robot::ideal::IdealMotors;
 use control::motion::MotionParams;
-use control::precheck::{Margins, Verdict, check_move};
+use control::precheck::{Margins, Verdict};
 use protocol::bus::{Instruction, Register};
 use protocol::link::{Digest, RunEnd};
 use std::fmt;
@@ -501,7 +501,8 @@ impl Laws {
             keep_m: margins.keep_m * 0.5,
             escape_m: margins.escape_m * 0.5,
         };
-        if let Verdict::Blocked(blocked) = check_move(self.motion.model(), &from, &to, margins) {
+        let machine = self.motion.machine();
+        if let Verdict::Blocked(blocked) = machine.check_move(&from.into(), &to.into(), margins) {
             let what = format!("a move that the pre-check blocks: {blocked:?}");
             self.break_law(Law::Checked, at_us, what);
         }

@@ -7,7 +7,7 @@ use protocol::link::{
 };
 
 /// Every joint.
-const ALL: u8 = 63;
+const ALL: u16 = 63;
 /// Pause after a failure, us.
 const PAUSE_US: u64 = 150_000;
 

@@ -77,7 +77,9 @@ impl WorldParams {
         Self::of(seed, &[joint])
     }
 
-    fn of(seed: u64, joints: &[JointParams]) -> Self {
+    /// These joints, addresses from 1 on; everything else neutral.
+    #[must_use]
+    pub fn of(seed: u64, joints: &[JointParams]) -> Self {
         let joints = joints
             .iter()
             .zip(1..)

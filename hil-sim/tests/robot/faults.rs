@@ -43,7 +43,7 @@ fn expect_end(robot: &mut EmulatedRobot, host: &mut SimHost) -> RunEnd {
 #[test]
 fn every_subset_of_missing_motors_stops_the_run_names_the_motor_and_sends_nothing_unsafe() {
     let mut cases = 0;
-    for subset in 1..64_u8 {
+    for subset in 1..64_u16 {
         // Begin of the cycle, in the reading, between reading and set-points, idle part.
         for phase_us in [0, 1_300, 2_450, 30_000] {
             let (mut robot, mut host) = running(1, phase_us);
@@ -96,7 +96,7 @@ fn every_subset_of_missing_motors_stops_the_run_names_the_motor_and_sends_nothin
 
 #[test]
 fn a_start_with_missing_motors_is_refused_and_names_them() {
-    for subset in 1..64_u8 {
+    for subset in 1..64_u16 {
         let (mut robot, mut host, digest) = ready(0);
         for joint in (0..6).filter(|joint| subset >> joint & 1 != 0) {
             robot.motors().borrow_mut().trouble(joint, Trouble::Mute);

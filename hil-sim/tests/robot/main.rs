@@ -3,6 +3,7 @@
 mod change;
 mod common;
 mod faults;
+mod joints;
 mod lease;
 mod orders;
 mod physics;

@@ -232,7 +232,7 @@ fn motors_with_physics_follow_the_gait() {
     let record = samples(&host.blocks);
     let worst = record
         .iter()
-        .flat_map(|sample| sample.motors)
+        .flat_map(|sample| sample.motors.clone())
         .map(|motor| (motor.feedback.position_urad - motor.setpoint_urad).abs())
         .max();
     assert!(

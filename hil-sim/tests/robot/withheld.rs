@@ -176,7 +176,7 @@ fn wrong_tags_and_stop_frames_push_no_fault_out_of_the_log() {
     let mut forger = SimHost::new(robot.radio());
     forger.hello(&mut robot).expect("answers");
     forger.set_key(Some(Key([8; KEY_LEN])));
-    for number in 0..200_u8 {
+    for number in 0..200_u16 {
         let joint_mask = number % 60 + 1;
         let tag = Tag::NONE;
         let refused = forger.ask(&mut robot, &ToModule::Zero { joint_mask, tag });

@@ -29,9 +29,9 @@ pub struct Args {
 enum Action {
     /// Find the drivers on the bus, ours and off-the-shelf servos, and propose their kind for robot.toml
     Scan,
-    /// Tell the robot which kind of drivers its bus carries; it keeps that, and every zero is lost
+    /// Tell the robot what it is, or which kind of drivers its bus carries; it keeps that, and every zero is lost
     Use {
-        /// robot.toml with [bus] driver = "...", or the kind itself: packed, xl330, xc330, xm430, sts, scs
+        /// robot.toml: joints, their speeds, what of it may meet, [bus] driver = "..."; or only the kind of drivers: packed, xl330, xc330, xm430, sts, scs
         kind: String,
     },
     /// Ask one driver for its model and firmware
@@ -66,7 +66,7 @@ enum Action {
         /// How long
         #[arg(short, long, default_value = "2s", value_name = "TIME", value_parser = parse_duration)]
         duration: Duration,
-        /// Bus ids, 1 to 6 when not given
+        /// Bus ids; when not given those of the robot, over a stick 1 to 6
         #[arg(long, value_name = "ID")]
         id: Vec<u8>,
     },
@@ -255,7 +255,10 @@ fn table(context: &Context) -> Outcome {
 }
 
 fn bench(context: &Context, way: &mut BusWay, duration: Duration, ids: &[u8]) -> Outcome {
-    let all: Vec<u8> = (1..=6).collect();
+    let all: Vec<u8> = match way {
+        BusWay::Robot(robot) => (1..=robot.machine()?.joints()).collect(),
+        BusWay::Direct(_) => (1..=6).collect(),
+    };
     let ids = if ids.is_empty() { &all } else { ids };
     let start = Instant::now();
     let (mut cycles, mut missing) = (0u32, 0u32);

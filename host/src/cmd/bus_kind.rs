@@ -3,19 +3,19 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use files::structure::Structure;
+use control::machine::{Contact, Machine};
 use protocol::bus::master::Request;
 use protocol::bus::packet::BROADCAST;
 use protocol::bus::{Framing, Profile};
-use protocol::link::{ALL_JOINTS, FromModule, Tag, ToModule};
+use protocol::link::{FromModule, Tag, ToModule, WireContact, WireRobot};
 use serde_json::{Value, json};
 
 use super::bus::{driver_row, too_long};
 use crate::bus_way::BusWay;
 use crate::context::Context;
-use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
 use crate::link::{LinkError, Robot, text};
+use crate::robot_file;
 
 /// Ids of a robot's drivers, twelve at most, asked one by one: Feetech servos have no broadcast ping, and Dynamixel ones with different return
 /// delays talk at once after it.
@@ -153,25 +153,50 @@ fn with_kind(line: String, profile: Option<Profile>) -> String {
     format!("{line}  {title}")
 }
 
-/// Tells the robot the kind, and waits until its drivers have their settings.
+/// What the robot is told.
+struct Told {
+    profile: Profile,
+    /// Without one the robot stays the one it is.
+    machine: Option<Machine>,
+}
+
+/// Tells the robot what it is and the kind of its drivers, and waits until they have their settings.
 pub(super) fn tell(context: &Context, kind: &str) -> Outcome {
-    let profile = read_kind(kind)?;
+    let told = read_kind(kind)?;
     let mut robot = context.connect()?;
     let tag = Tag::NONE;
+    if let Some(machine) = &told.machine {
+        let robot_told = WireRobot::from(machine);
+        robot.order(&ToModule::SetRobot {
+            robot: robot_told,
+            tag,
+        })?;
+        if *machine.contact() == Contact::Unstated {
+            context.out.warn(text::CONTACT_UNSTATED);
+        }
+    }
+    let profile = told.profile;
     robot.order(&ToModule::SetDrivers { profile, tag })?;
-    let begin = Instant::now();
+    let machine = robot.machine()?;
     let mut wrong = drivers(&mut robot)?;
+    let begin = Instant::now();
     let mut present = 0;
-    while wrong.is_empty() && present != ALL_JOINTS && begin.elapsed() < SETTLED {
+    let joints = machine.joints();
+    while wrong.is_empty() && present != machine.all_joints() && begin.elapsed() < SETTLED {
         std::thread::sleep(Duration::from_millis(200));
         present = robot.info()?.motor_mask;
         wrong = drivers(&mut robot)?;
     }
-    let value = json!({ "driver": profile.info().name, "motor_mask": present, "wrong": wrong });
+    let contact = WireContact::from(machine.contact());
+    let value = json!({
+        "driver": profile.info().name, "joints": joints, "contact": text::contact_name(contact), "motor_mask": present,
+        "wrong": wrong,
+    });
     context.out.result("rb.bus_use/1", value, || {
         let answering = text::joints(present);
         format!(
-            "drivers: {}\nanswering: {answering}\nzero them: rb-host zero",
+            "robot: {joints} joints, {}\ndrivers: {}\nanswering: {answering}\nzero them: rb-host zero",
+            text::contact_words(contact),
             profile.info().title
         )
     });
@@ -190,10 +215,13 @@ fn drivers(robot: &mut Robot) -> Outcome<Vec<String>> {
     }
 }
 
-/// A kind by its name, or from a robot.toml.
-fn read_kind(kind: &str) -> Outcome<Profile> {
+/// A kind by its name, or robot and kind from a robot.toml.
+fn read_kind(kind: &str) -> Outcome<Told> {
     if let Some(profile) = Profile::from_name(kind) {
-        return Ok(profile);
+        return Ok(Told {
+            profile,
+            machine: None,
+        });
     }
     let names = Profile::ALL.map(|profile| profile.info().name).join(", ");
     if !kind.contains('.') && !Path::new(kind).exists() {
@@ -202,12 +230,13 @@ fn read_kind(kind: &str) -> Outcome<Profile> {
             format!("{kind:?} is no kind of driver; known: {names}, or a robot.toml"),
         ));
     }
-    let text = disk::read_text(Path::new(kind), disk::MAX_TEXT)
-        .map_err(|error| Failure::say(Exit::BadFile, format!("{kind}: {error}")))?;
-    let structure =
-        Structure::parse(kind, &text).map_err(|error| Failure::new(Exit::BadFile, error))?;
-    structure.driver.ok_or_else(|| {
+    let structure = robot_file::structure(Path::new(kind))?;
+    let profile = structure.driver.ok_or_else(|| {
         Failure::say(Exit::BadFile, format!("{kind} does not name its drivers"))
             .hint(format!("add [bus] driver = \"...\", one of {names}"))
+    })?;
+    Ok(Told {
+        profile,
+        machine: Some(robot_file::machine_of(Path::new(kind), &structure)?),
     })
 }

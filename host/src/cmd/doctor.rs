@@ -163,9 +163,10 @@ fn robot_lines(context: &Context, robot: &mut Robot) -> Outcome<Vec<Line>> {
         format!("offset known to {:.1} ms", spread / 2e3),
     ));
     let info = robot.info()?;
-    let all = protocol::link::ALL_JOINTS;
+    let machine = robot.machine()?;
+    let all = machine.all_joints();
     lines.push(if info.motor_mask == all {
-        Line::good("motors", "all six answer")
+        Line::good("motors", format!("all {} answer", machine.joints()))
     } else {
         let missing = text::joints(all & !info.motor_mask);
         Line::bad(

@@ -4,7 +4,7 @@
 pub(crate) mod films;
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use hil_sim::endpoint::{Endpoint, EndpointError, Pty, Serial, Tcp};
 use hil_sim::pace::{self, Pace, ServeEvent};
@@ -21,6 +21,7 @@ use crate::faults;
 use crate::interrupt;
 use crate::link::{EmulatedLab, sim};
 use crate::recording::beside;
+use crate::robot_file;
 
 /// Serve emulated hardware to other programs until Ctrl-C, or film a drawn robot
 ///
@@ -48,6 +49,9 @@ pub struct Args {
     /// Scenario file: motors, effects, faults
     #[arg(long, value_name = "FILE")]
     scenario: Option<PathBuf>,
+    /// Robot of one to twelve motors, a robot.toml, each joint on a stand; the drivers are of the kind it names
+    #[arg(long, value_name = "FILE", conflicts_with = "scenario")]
+    robot: Option<PathBuf>,
     /// Faults, such as drop=0.01,corrupt=1e-4,stall@4-6:joint2
     #[arg(long = "inject", alias = "fault", value_name = "LIST")]
     fault: Option<String>,
@@ -100,7 +104,10 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     if let Some(Films::Films(films)) = &args.films {
         return films::run(films, context);
     }
-    let mut scenario = sim::load_scenario(args.scenario.as_deref())?;
+    let mut scenario = match &args.robot {
+        Some(path) => of_robot(path)?,
+        None => sim::load_scenario(args.scenario.as_deref())?,
+    };
     if let Some(seed) = args.seed {
         scenario.world.seed = seed;
     }
@@ -117,6 +124,15 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         Some(What::Robot) | None => robot(args, context, &scenario, endpoint.as_mut()),
         Some(What::Board) => board(args, context, &scenario, endpoint.as_mut()),
     }
+}
+
+/// The robot of a file on drivers of the kind that it names.
+fn of_robot(path: &Path) -> Outcome<Scenario> {
+    let structure = robot_file::structure(path)?;
+    let shown = path.display().to_string();
+    let mut scenario = sim::robot_scenario(&shown, &structure)?;
+    equip(&mut scenario.world.joints, structure.driver.as_slice())?;
+    Ok(scenario)
 }
 
 fn driver_kind(name: &str) -> Result<Profile, String> {

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use control::gait::Gait;
+use control::machine::Machine;
 use protocol::link::WireGait;
 use serde_json::{Value, json};
 
@@ -12,6 +13,7 @@ use crate::failure::{Exit, Failure, Outcome};
 use crate::gait_file::{self, GaitCheck};
 use crate::link::text;
 use crate::plot;
+use crate::robot_file;
 use crate::upload;
 
 /// Make, check, show, convert and compare gait files
@@ -36,6 +38,9 @@ enum Action {
     },
     /// Check files as the robot would: values, joint speeds, self-collision over the whole run
     Check {
+        /// Robot to check for, a robot.toml; default: the meta-module
+        #[arg(long, value_name = "FILE")]
+        robot: Option<PathBuf>,
         /// Gait files; - is standard input
         #[arg(required = true)]
         files: Vec<PathBuf>,
@@ -88,7 +93,7 @@ enum Form {
 pub fn run(args: &Args, context: &Context) -> Outcome {
     match &args.action {
         Action::New { file, name, force } => new(context, file, name.as_deref(), *force),
-        Action::Check { files } => check(context, files),
+        Action::Check { files, robot } => check(context, files, robot.as_deref()),
         Action::Show { file, plot, force } => show(context, file, plot.as_deref(), *force),
         Action::Convert {
             file,
@@ -116,16 +121,21 @@ fn new(context: &Context, file: &Path, name: Option<&str>, force: bool) -> Outco
     Ok(())
 }
 
-fn check(context: &Context, paths: &[PathBuf]) -> Outcome {
+fn check(context: &Context, paths: &[PathBuf], robot: Option<&Path>) -> Outcome {
+    let machine = robot
+        .map(robot_file::machine)
+        .transpose()?
+        .unwrap_or_default();
     let mut worst: Option<Failure> = None;
     for path in paths {
-        let result = gait_file::load(path)
-            .and_then(|gait| upload::host_check(context, &gait, path).map(|check| (gait, check)));
+        let result = gait_file::load(path).and_then(|gait| {
+            upload::host_check(context, &gait, path, &machine).map(|check| (gait, check))
+        });
         match result {
             Ok((gait, check)) => {
                 let value = json!({ "file": path, "ok": true, "name": gait.name(), "check": check_json(&check) });
                 context.out.result("rb.gait_check/1", value, || {
-                    format!("{}: ok, {}", path.display(), check_words(&check))
+                    format!("{}: ok, {}", path.display(), check.words())
                 });
             }
             Err(failure) => {
@@ -150,19 +160,9 @@ fn check_json(check: &GaitCheck) -> Value {
     })
 }
 
-fn check_words(check: &GaitCheck) -> String {
-    format!(
-        "fastest {} at {:.0} % of its no-load speed, {} moves clear by {:.1} mm or more",
-        text::joint(check.fastest_joint as u8),
-        check.speed_share * 100.0,
-        check.moves,
-        check.clearance_m * 1e3
-    )
-}
-
 fn show(context: &Context, path: &Path, plot: Option<&Path>, force: bool) -> Outcome {
     let gait = gait_file::load(path)?;
-    let verdict = gait_file::check(&gait, &context.robot_model());
+    let verdict = gait_file::check(&gait, &Machine::default());
     if let Some(picture) = plot {
         disk::write_new(picture, plot::gait_svg(&gait).as_bytes(), force)?;
         context.out.say(format_args!("wrote {}", picture.display()));
@@ -185,7 +185,7 @@ fn show(context: &Context, path: &Path, plot: Option<&Path>, force: bool) -> Out
         }
         out.push('\n');
         out.push_str(&match &verdict {
-            Ok(check) => check_words(check),
+            Ok(check) => check.words(),
             Err(unfit) => format!("the robot would refuse it: {unfit}"),
         });
         out

@@ -3,7 +3,6 @@
 use std::io::IsTerminal;
 use std::time::Duration;
 
-use control::robot::JOINT_NAMES;
 use protocol::link::{FromModule, Info, Sample, SampleBlock, TelemetryRate, ToModule};
 use serde_json::json;
 
@@ -11,7 +10,7 @@ use crate::cli::parse_duration;
 use crate::context::Context;
 use crate::failure::Outcome;
 use crate::link::{LinkError, telemetry, text};
-use crate::recording::SampleRow;
+use crate::recording::{SampleRow, joint_names};
 use crate::terminal;
 
 /// Show set-points, positions, currents and events live, until Ctrl-C; the robot is not touched
@@ -45,7 +44,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     robot.order(&ToModule::Subscribe { rate })?;
     let table = std::io::stdout().is_terminal() && !args.plain && !context.out.json;
     if !table {
-        let names = JOINT_NAMES.join(", ");
+        let names = joint_names(usize::from(robot.machine()?.joints())).join(", ");
         context.out.say(format_args!(
             "time, then set-point/position in deg of {names}"
         ));
@@ -65,8 +64,12 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         };
         let now = robot.link().now();
         match message {
-            Some(FromModule::Sample(sample)) => view.sample(&sample, now, context),
-            Some(FromModule::SampleBlock(block)) => view.block(&block, now, context),
+            Some(FromModule::Sample(sample) | FromModule::SampleOf(sample)) => {
+                view.sample(&sample, now, context);
+            }
+            Some(FromModule::SampleBlock(block) | FromModule::SampleBlockOf(block)) => {
+                view.block(&block, now, context);
+            }
             Some(FromModule::Event(event)) => {
                 let (kind, words) = text::event(&event);
                 view.event = format!("{:.3} s {kind} {words}", event.t_us as f64 / 1e6);
@@ -134,7 +137,7 @@ impl View {
             "V",
             "C",
         );
-        for (joint, name) in row.joints.iter().zip(JOINT_NAMES) {
+        for (joint, name) in row.joints.iter().zip(joint_names(row.joints.len())) {
             let set = joint.setpoint_rad.to_degrees();
             match joint.feedback {
                 Some(f) => {

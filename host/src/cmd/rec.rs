@@ -11,7 +11,7 @@ use crate::plot;
 use crate::recording::beside::{self, Seen};
 use crate::recording::check::{self, Severity};
 use crate::recording::set::SetFolder;
-use crate::recording::{Recording, csv, dataset, folder, read};
+use crate::recording::{Recording, csv, dataset, folder, joint_names, read};
 use crate::searching::frames::Frames;
 
 /// Look into recordings, check them, convert them, draw them
@@ -341,7 +341,8 @@ fn check_folder(context: &Context, path: &Path) -> usize {
 fn cat(context: &Context, path: &Path, only: Option<u32>, events: bool) -> Outcome {
     let recording = load(context, path)?;
     if !events {
-        let names = control::robot::JOINT_NAMES.join(", ");
+        let first = recording.runs.iter().find_map(|run| run.samples.first());
+        let names = joint_names(first.map_or(0, |sample| sample.joints.len())).join(", ");
         context.out.say(format_args!(
             "device time, cycle, then set-point/position in rad of {names}"
         ));
@@ -369,7 +370,7 @@ fn cat(context: &Context, path: &Path, only: Option<u32>, events: bool) -> Outco
                 .iter()
                 .map(|j| j.feedback.map(|f| f.position_rad))
                 .collect();
-            let setpoints = s.joints.map(|j| j.setpoint_rad);
+            let setpoints: Vec<f64> = s.joints.iter().map(|j| j.setpoint_rad).collect();
             let value = json!({
                 "run": run.run, "t_s": s.t_us as f64 / 1e6, "cycle": s.cycle, "hold": s.hold, "approach": s.approach,
                 "setpoint_rad": setpoints, "position_rad": positions,

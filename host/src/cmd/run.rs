@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use control::gait::Gait;
+use control::machine::Machine;
 use files::dataset::Role;
 use files::model::Model;
 use protocol::link::{Digest, EndReason, ModuleState};
@@ -96,21 +97,25 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
             "`rb-host run GAIT.toml`, or `rb-host run -s 3`; `rb-host slots` shows what is stored",
         ));
     }
-    let gait = args
-        .gait
-        .as_deref()
-        .map(|path| load(args, context, path))
-        .transpose()?;
+    let gait = args.gait.as_deref().map(gait_file::load).transpose()?;
     let model = args.model.as_deref().map(load_model).transpose()?;
-    if let (Some(folder), Some(gait)) = (&args.dataset, &gait) {
+    if let (Some(folder), Some(gait), Some(path)) = (&args.dataset, &gait, &args.gait) {
+        // A data set is of a meta-module.
+        host_check(args, context, gait, path, &Machine::default())?;
         return run_takes(args, context, folder, gait, model);
     }
     if let Some(path) = &args.record {
         disk::must_be_free(path, args.force)?;
     }
     let second = args.then.as_deref();
-    let second = second.map(|path| load(args, context, path)).transpose()?;
+    let second = second.map(gait_file::load).transpose()?;
     let mut robot = context.connect_to(&context.port_to_move()?)?;
+    let machine = robot.machine()?;
+    for (gait, path) in [(&gait, &args.gait), (&second, &args.then)] {
+        if let (Some(gait), Some(path)) = (gait, path) {
+            host_check(args, context, gait, path, &machine)?;
+        }
+    }
     let (slot, digest, gait) = place(args, &mut robot, gait)?;
     let mut order = order(args, context, slot, digest, gait)?;
     order.then = place_second(args, &mut robot, second, slot)?;
@@ -252,12 +257,17 @@ fn rate_hz(args: &Args, context: &Context) -> Outcome<u32> {
         .map_err(|_| Failure::say(Exit::Usage, "--rate is 20 or 100"))
 }
 
-fn load(args: &Args, context: &Context, path: &Path) -> Outcome<Gait> {
-    let gait = gait_file::load(path)?;
-    if !args.skip_host_check {
-        upload::host_check(context, &gait, path)?;
+fn host_check(
+    args: &Args,
+    context: &Context,
+    gait: &Gait,
+    path: &Path,
+    machine: &Machine,
+) -> Outcome {
+    if args.skip_host_check {
+        return Ok(());
     }
-    Ok(gait)
+    upload::host_check(context, gait, path, machine).map(drop)
 }
 
 pub(super) fn load_model(path: &Path) -> Outcome<String> {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use control::machine::Machine;
 use serde_json::json;
 
 use crate::context::Context;
@@ -45,11 +46,9 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     if let Some(name) = &args.name {
         gait = renamed(gait, name)?;
     }
-    if !args.skip_host_check {
-        upload::host_check(context, &gait, &args.gait)?;
-    }
     let digest = protocol::link::WireGait::from(&gait).digest();
     if args.dry_run {
+        upload::host_check(context, &gait, &args.gait, &Machine::default())?;
         let value =
             json!({ "name": gait.name(), "digest": text::hex(&digest.0), "uploaded": false });
         context.out.result("rb.upload/1", value, || {
@@ -61,6 +60,9 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         return Ok(());
     }
     let mut robot = context.connect()?;
+    if !args.skip_host_check {
+        upload::host_check(context, &gait, &args.gait, &robot.machine()?)?;
+    }
     let options = Options {
         slot: args.slot,
         activate: args.activate,

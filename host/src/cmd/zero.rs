@@ -1,7 +1,8 @@
 //! `rb-host zero`
 
-use control::robot::{JOINT_NAMES, JOINTS};
-use protocol::link::{ALL_JOINTS, Tag, ToModule};
+use control::machine::Machine;
+use control::robot::JOINT_NAMES;
+use protocol::link::{Tag, ToModule};
 use serde_json::json;
 
 use crate::context::Context;
@@ -14,21 +15,23 @@ use crate::link::text;
 /// the marks aligned, then give this order. Every restart of a driver needs it again.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Only this joint, 0 to 5 or A.M0 to B.M2; may be repeated
+    /// Only this joint, counted from 0, or A.M0 to B.M2 of a meta-module; may be repeated
     #[arg(long, short_alias = 'j', value_name = "JOINT")]
     joint: Vec<String>,
 }
 
-/// A joint by its number or its name.
-fn joint_number(text: &str) -> Outcome<usize> {
-    let by_name = JOINT_NAMES.iter().position(|name| *name == text);
-    let by_number = || text.parse().ok().filter(|joint| *joint < JOINTS);
+/// A joint by its number, or by its name in a meta-module.
+fn joint_number(text: &str, machine: &Machine) -> Outcome<usize> {
+    let joints = usize::from(machine.joints());
+    let named = machine.model().map_or(&[][..], |_| &JOINT_NAMES[..]);
+    let by_name = named.iter().position(|name| *name == text);
+    let by_number = || text.parse().ok().filter(|joint| *joint < joints);
     by_name.or_else(by_number).ok_or_else(|| {
-        let names = JOINT_NAMES.join(", ");
-        let last = JOINTS - 1;
+        let names: String = named.iter().map(|name| format!(", {name}")).collect();
+        let last = joints - 1;
         Failure::say(
             Exit::Usage,
-            format!("--joint {text}: joints are 0 to {last}, or {names}"),
+            format!("--joint {text}: joints are 0 to {last}{names}"),
         )
     })
 }
@@ -38,11 +41,15 @@ fn joint_number(text: &str) -> Outcome<usize> {
 /// # Errors
 /// Exit codes 2, 4, 5, 6, 7.
 pub fn run(args: &Args, context: &Context) -> Outcome {
-    let mut joint_mask = if args.joint.is_empty() { ALL_JOINTS } else { 0 };
-    for joint in &args.joint {
-        joint_mask |= 1 << joint_number(joint)?;
-    }
     let mut robot = context.connect()?;
+    let machine = robot.machine()?;
+    let mut joint_mask = 0;
+    for joint in &args.joint {
+        joint_mask |= 1 << joint_number(joint, &machine)?;
+    }
+    if args.joint.is_empty() {
+        joint_mask = machine.all_joints();
+    }
     let question = format!(
         "take the present pose as home for joints {}?",
         text::joints(joint_mask)

@@ -3,6 +3,8 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use control::machine::Machine;
+use control::robot::RobotModel;
 use protocol::link::{
     Client, FromModule, Hello, Info, Key, MAX_FRAME, ModuleState, Nonce, Reject, Tag, ToModule,
     VERSION,
@@ -89,6 +91,8 @@ fn name(message: &ToModule) -> &'static str {
         ToModule::ChangeGait { .. } => "change of gait",
         ToModule::SetDrivers { .. } => "change of drivers",
         ToModule::GetDrivers => "drivers",
+        ToModule::SetRobot { .. } => "change of robot",
+        ToModule::GetRobot => "robot",
     }
 }
 
@@ -317,7 +321,12 @@ impl Robot {
             let unasked = is_unasked(&received.message, draining);
             if !unasked && awaited == Some(received.header.sequence) {
                 answer = Some(received.message);
-            } else if unasked || matches!(received.message, FromModule::SampleBlock(_)) {
+            } else if unasked
+                || matches!(
+                    received.message,
+                    FromModule::SampleBlock(_) | FromModule::SampleBlockOf(_)
+                )
+            {
                 let now = received.header.boot_id;
                 if before != 0 && now != before {
                     return Err(LinkError::Restarted { before, now });
@@ -437,6 +446,27 @@ impl Robot {
     }
 }
 
+impl Robot {
+    /// Which robot it is. One whose firmware is older than the question is a meta-module.
+    ///
+    /// # Errors
+    /// [`LinkError`]
+    pub fn machine(&mut self) -> Result<Machine, LinkError> {
+        match self.ask(&ToModule::GetRobot) {
+            Ok(FromModule::Robot(robot)) => {
+                let machine = robot.machine(&RobotModel::default());
+                machine.map_err(|_| LinkError::WrongAnswer { request: "robot" })
+            }
+            Ok(_) => Err(LinkError::WrongAnswer { request: "robot" }),
+            Err(LinkError::Refused {
+                reason: Reject::UnknownType { .. } | Reject::Unsupported,
+                ..
+            }) => Ok(Machine::default()),
+            Err(error) => Err(error),
+        }
+    }
+}
+
 fn refusal(request: &'static str, reason: Reject) -> LinkError {
     match reason {
         Reject::Version { ours, .. } => LinkError::version(ours),
@@ -447,8 +477,11 @@ fn refusal(request: &'static str, reason: Reject) -> LinkError {
 /// Messages that a module sends by itself. A sample block is the answer to `Drain`, but also comes unasked.
 fn is_unasked(message: &FromModule, draining: bool) -> bool {
     match message {
-        FromModule::Sample(_) | FromModule::Event(_) | FromModule::RunEnd(_) => true,
-        FromModule::SampleBlock(_) => !draining,
+        FromModule::Sample(_)
+        | FromModule::SampleOf(_)
+        | FromModule::Event(_)
+        | FromModule::RunEnd(_) => true,
+        FromModule::SampleBlock(_) | FromModule::SampleBlockOf(_) => !draining,
         _ => false,
     }
 }

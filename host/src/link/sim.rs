@@ -4,8 +4,10 @@ use std::any::Any;
 use std::path::Path;
 use std::time::Duration;
 
+use control::motion::MotionParams;
 use control::robot::RobotModel;
 use files::model::Model;
+use files::structure::Structure;
 use hil_sim::ground::Ground;
 use hil_sim::lab::{CameraSetup, Lab};
 use hil_sim::robot::link::LinkLine;
@@ -83,7 +85,24 @@ fn read(path: &Path) -> Result<String, LinkError> {
         .map_err(|e| LinkError::Scenario(format!("cannot read {}: {e}", path.display())))
 }
 
-/// Reads a scenario; without a file six catalogue motors without faults.
+/// Whether a text is a `robot.toml`: no scenario has bodies.
+fn is_robot(text: &str) -> bool {
+    toml::from_str::<toml::Table>(text).is_ok_and(|table| table.contains_key("body"))
+        && text.contains("[[body]]")
+}
+
+/// The robot of a structure that was read from the file `name`.
+///
+/// # Errors
+/// [`LinkError::Scenario`]
+pub fn robot_scenario(name: &str, structure: &Structure) -> Result<Scenario, LinkError> {
+    scenario::of_structure(structure).map_err(|error| {
+        let line = structure.line(error.part());
+        LinkError::Scenario(format!("{name}:{line}: {error}"))
+    })
+}
+
+/// Reads a scenario, or the robot of a `robot.toml`; without a file six catalogue motors without faults.
 ///
 /// # Errors
 /// [`LinkError::Scenario`]
@@ -93,6 +112,11 @@ pub fn load_scenario(path: Option<&Path>) -> Result<Scenario, LinkError> {
         None => String::new(),
     };
     let name = path.map_or_else(|| "sim:".to_owned(), |p| p.display().to_string());
+    if is_robot(&text) {
+        let structure =
+            Structure::parse(&name, &text).map_err(|e| LinkError::Scenario(e.to_string()))?;
+        return robot_scenario(&name, &structure);
+    }
     let mut scenario =
         scenario::parse(&name, &text).map_err(|e| LinkError::Scenario(e.to_string()))?;
     if let Some(file) = &scenario.model_file {
@@ -115,6 +139,7 @@ pub fn robot_of(scenario: &Scenario) -> Result<EmulatedRobot<World>, LinkError> 
         .map_err(|e| LinkError::Scenario(e.to_string()))?;
     let setup = Setup {
         seed: scenario.world.seed,
+        motion: MotionParams::default().with_machine(scenario.machine),
         ..Setup::default()
     };
     Ok(EmulatedRobot::with_motors(setup, world))

@@ -12,13 +12,11 @@ use crate::recording::{EventRow, Feedback, JointRow, SampleRow};
 /// A sample as a row of run `run`.
 #[must_use]
 pub fn row(run: u32, sample: &Sample) -> SampleRow {
-    let mut index = 0u32;
-    let joints = sample.motors.map(|motor| {
+    let joints = sample.motors.iter().enumerate().map(|(index, motor)| {
         let answered = sample.valid_mask & (1 << index) != 0;
-        index += 1;
         JointRow {
             setpoint_rad: rad(motor.setpoint_urad),
-            feedback: answered.then(|| feedback(sample.t_us, &motor)),
+            feedback: answered.then(|| feedback(sample.t_us, motor)),
         }
     });
     let flag = |bit: u8| sample.flags & bit != 0;
@@ -30,7 +28,7 @@ pub fn row(run: u32, sample: &Sample) -> SampleRow {
         approach: flag(flags::APPROACH),
         torque: flag(flags::TORQUE),
         new_setpoint: flag(flags::NEW_SETPOINT),
-        joints,
+        joints: joints.collect(),
     }
 }
 

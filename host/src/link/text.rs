@@ -2,8 +2,8 @@
 
 use control::robot::JOINT_NAMES;
 use protocol::link::{
-    EndReason, Event, EventKind, Fault, GaitReject, ModuleState, PortFault, Reject, ResetCause,
-    WrongDriver,
+    EndReason, Event, EventKind, Fault, GaitReject, MAX_JOINTS, ModuleState, PortFault, Reject,
+    ResetCause, RobotReject, WireContact, WrongDriver,
 };
 
 /// A digest in hexadecimal.
@@ -12,26 +12,52 @@ pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
-/// Name of a joint.
+/// Name of a joint. Those of a meta-module have names; of other robots they are numbers.
 #[must_use]
 pub fn joint(index: u8) -> String {
-    let name = JOINT_NAMES.get(usize::from(index)).copied().unwrap_or("?");
-    format!("joint {index} ({name})")
+    format!("joint {}", named(usize::from(index)))
+}
+
+fn named(index: usize) -> String {
+    match JOINT_NAMES.get(index) {
+        Some(name) => format!("{index} ({name})"),
+        None => index.to_string(),
+    }
 }
 
 /// Joints of a mask, such as `0 (A.M0), 3 (B.M0)`.
 #[must_use]
-pub fn joints(mask: u8) -> String {
-    let list: Vec<String> = JOINT_NAMES
-        .iter()
-        .enumerate()
-        .filter(|(k, _)| mask & (1 << k) != 0)
-        .map(|(k, name)| format!("{k} ({name})"))
+pub fn joints(mask: u16) -> String {
+    let list: Vec<String> = (0..16)
+        .filter(|k| mask & (1 << k) != 0)
+        .map(named)
         .collect();
     if list.is_empty() {
         "none".to_owned()
     } else {
         list.join(", ")
+    }
+}
+
+/// What of a robot may meet, as in `--json`.
+#[must_use]
+pub fn contact_name(contact: WireContact) -> &'static str {
+    match contact {
+        WireContact::MetaModule => "metamodule",
+        WireContact::Module => "module",
+        WireContact::Unchecked => "unchecked",
+        WireContact::Unstated => "unstated",
+    }
+}
+
+/// What of a robot may meet, in words.
+#[must_use]
+pub fn contact_words(contact: WireContact) -> &'static str {
+    match contact {
+        WireContact::MetaModule => "a meta-module, every move checked",
+        WireContact::Module => "one module, nothing of it can meet",
+        WireContact::Unchecked => "self-collision unchecked",
+        WireContact::Unstated => "self-collision unchecked and not said so: it does not run",
     }
 }
 
@@ -178,8 +204,26 @@ pub fn reject(reason: &Reject) -> String {
             format!("too many wrong proofs came on this link; it looks at the next in {wait_ms} ms")
         }
         Reject::Held { link } => format!("another host holds it, on its link {link}"),
+        Reject::Robot(RobotReject::JointCount { joints }) => {
+            format!("a robot of {joints} motors; it drives 1 to {MAX_JOINTS}")
+        }
+        Reject::Robot(RobotReject::WrongCount { joints, expected }) => {
+            format!("a robot of {joints} motors; one of this kind has {expected}")
+        }
+        Reject::Robot(RobotReject::Speed {
+            joint: index,
+            value_rad_s,
+        }) => format!(
+            "the no-load speed of {} is {value_rad_s} rad/s",
+            joint(*index)
+        ),
+        Reject::ContactUnstated => CONTACT_UNSTATED.to_owned(),
     }
 }
+
+/// Why a robot that nobody checks for contact with itself does not run, and what to write.
+pub const CONTACT_UNSTATED: &str = "nothing checks that the parts of this robot do not meet, and its robot.toml does not say that you know: \
+     write `self_collision = \"unchecked\"` into it and tell the robot with `rb-host bus use robot.toml`";
 
 /// What is wrong with a driver of another profile than the bus.
 #[must_use]
@@ -392,6 +436,10 @@ pub fn event(event: &Event) -> (&'static str, String) {
         EventKind::KeyReadable => (
             "key_readable",
             "a debug probe can read the key: set the readout protection".to_owned(),
+        ),
+        EventKind::RobotChanged { joints, contact } => (
+            "robot_changed",
+            format!("{joints} joints, {}", contact_words(*contact)),
         ),
     }
 }

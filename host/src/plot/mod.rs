@@ -9,7 +9,7 @@ use control::robot::{JOINT_NAMES, JOINTS, RobotModel};
 
 use crate::recording::check::gaps;
 use crate::recording::timing::Timing;
-use crate::recording::{RunData, SampleRow};
+use crate::recording::{RunData, SampleRow, joint_names};
 use panel::{Band, Curve, Panel};
 use svg::Svg;
 
@@ -31,7 +31,7 @@ fn colour(joint: usize) -> &'static str {
     if joint < 3 { MODULE_A } else { MODULE_B }
 }
 
-/// A run: film strip, set-points against positions of six joints, currents and bus voltage.
+/// A run: film strip of a meta-module, set-points against positions of every joint, currents and bus voltage.
 #[must_use]
 pub fn run_svg(run: &RunData, model: &RobotModel, emulated: bool) -> String {
     let first_us = run.samples.first().map_or(0, |s| s.t_us);
@@ -46,24 +46,35 @@ pub fn run_svg(run: &RunData, model: &RobotModel, emulated: bool) -> String {
         run.samples.first().map_or(0.0, |s| seconds(s.t_us)),
         run.samples.last().map_or(1.0, |s| seconds(s.t_us)),
     );
-    let height = 96.0 + STRIP_HEIGHT + 4.0 * (PANEL_HEIGHT + 34.0) + 50.0;
+    let joints = run
+        .samples
+        .iter()
+        .map(|s| s.joints.len())
+        .max()
+        .unwrap_or(0);
+    let names = joint_names(joints);
+    let strip_height = if joints == JOINTS { STRIP_HEIGHT } else { 0.0 };
+    let rows = joints.div_ceil(2).max(1);
+    let place = |column, row| place(strip_height, column, row);
+    let height = 96.0 + strip_height + (rows + 1) as f64 * (PANEL_HEIGHT + 34.0) + 50.0;
     let mut out = Svg::new(WIDTH, height);
     title(&mut out, run, emulated);
-    strip::draw(
-        &mut out,
-        run,
-        model,
-        span,
-        &seconds,
-        (MARGIN, 96.0),
-        WIDTH - 2.0 * MARGIN,
-    );
+    if joints == JOINTS {
+        strip::draw(
+            &mut out,
+            run,
+            model,
+            span,
+            &seconds,
+            (MARGIN, 96.0),
+            WIDTH - 2.0 * MARGIN,
+        );
+    }
     let bands = bands(run, &seconds);
-    for joint in 0..JOINTS {
+    for (joint, name) in names.iter().enumerate() {
         // Module A on the left, B on the right.
-        let (column, row) = (joint / 3, joint % 3);
-        let at = place(column, row);
-        joint_panel(run, joint, &timing, &seconds).draw(
+        let at = place(joint / rows, joint % rows);
+        joint_panel(run, joint, name, &timing, &seconds).draw(
             &mut out,
             at,
             (COLUMN, PANEL_HEIGHT),
@@ -71,17 +82,29 @@ pub fn run_svg(run: &RunData, model: &RobotModel, emulated: bool) -> String {
             &bands,
         );
     }
-    current_panel(run, &seconds).draw(&mut out, place(0, 3), (COLUMN, PANEL_HEIGHT), span, &bands);
-    voltage_panel(run, &seconds).draw(&mut out, place(1, 3), (COLUMN, PANEL_HEIGHT), span, &bands);
+    current_panel(run, &seconds).draw(
+        &mut out,
+        place(0, rows),
+        (COLUMN, PANEL_HEIGHT),
+        span,
+        &bands,
+    );
+    voltage_panel(run, &seconds).draw(
+        &mut out,
+        place(1, rows),
+        (COLUMN, PANEL_HEIGHT),
+        span,
+        &bands,
+    );
     legend(&mut out, height - 14.0);
     out.finish()
 }
 
-fn place(column: usize, row: usize) -> (f64, f64) {
+fn place(strip_height: f64, column: usize, row: usize) -> (f64, f64) {
     let x = MARGIN + column as f64 * (COLUMN + MARGIN);
     (
         x,
-        96.0 + STRIP_HEIGHT + 24.0 + row as f64 * (PANEL_HEIGHT + 34.0),
+        96.0 + strip_height + 24.0 + row as f64 * (PANEL_HEIGHT + 34.0),
     )
 }
 
@@ -176,6 +199,7 @@ fn bands(run: &RunData, seconds: &impl Fn(u64) -> f64) -> Vec<Band> {
 fn joint_panel(
     run: &RunData,
     joint: usize,
+    name: &str,
     timing: &Timing,
     seconds: &impl Fn(u64) -> f64,
 ) -> Panel {
@@ -183,7 +207,9 @@ fn joint_panel(
     let mut position = Vec::new();
     let mut squares = 0.0;
     for sample in &run.samples {
-        let row = &sample.joints[joint];
+        let Some(row) = sample.joints.get(joint) else {
+            continue;
+        };
         // A set-point holds until the next one.
         let sent_s = seconds(timing.sent_us(sample));
         if let Some(&(_, before)) = setpoint.last() {
@@ -199,7 +225,7 @@ fn joint_panel(
     }
     let rms = (squares / position.len().max(1) as f64).sqrt().to_degrees();
     Panel {
-        title: format!("{joint}  {}", JOINT_NAMES[joint]),
+        title: format!("{joint}  {name}"),
         note: format!("error {rms:.2} deg rms"),
         unit: "deg",
         least_span: 10.0,
@@ -260,7 +286,7 @@ fn voltage_panel(run: &RunData, seconds: &impl Fn(u64) -> f64) -> Panel {
         .collect();
     let least = points.iter().fold(f64::INFINITY, |a, p| a.min(p.1));
     Panel {
-        title: "bus voltage, lowest of six drivers".to_owned(),
+        title: "bus voltage, lowest of all drivers".to_owned(),
         note: if least.is_finite() {
             format!("lowest {least:.2} V")
         } else {

@@ -3,6 +3,7 @@
 use control::gait::Gait;
 
 use super::reader::{Recording, RunData};
+use super::rows::SampleRow;
 use super::timing::is_first_of_cycle;
 
 /// Set-points travel in whole microradians, so a right one is at most half of one away.
@@ -119,11 +120,8 @@ fn check_run(run: &RunData, gait: Option<&Gait>, findings: &mut Vec<Finding>) {
     }
     let joints = run.samples.first().map_or(0, |s| s.joints.len());
     for joint in 0..joints {
-        let samples = run
-            .samples
-            .iter()
-            .filter(|s| s.joints[joint].feedback.is_none())
-            .count();
+        let silent = |s: &&SampleRow| s.joints.get(joint).is_none_or(|j| j.feedback.is_none());
+        let samples = run.samples.iter().filter(silent).count();
         if samples > 0 {
             add(Severity::Note, FindingKind::NoAnswer { joint, samples });
         }

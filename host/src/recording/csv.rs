@@ -7,8 +7,6 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use control::robot::JOINTS;
-
 use super::beside::{BaseRow, ImuRow};
 use super::reader::RunData;
 use super::rows::Feedback;
@@ -24,16 +22,19 @@ const MEASURED: [&str; 6] = [
     "temperature_c",
 ];
 
-/// From the instant of the measurement to the end of the packet with the new set-points, us: six answers of 30 bytes and one
-/// packet of 44 bytes at 10 us a byte (1 Mbaud), the same in every cycle.
-const EXCHANGE_US: u64 = (6 * 30 + 44) * 10;
+/// From the instant of the measurement to the end of the packet with the new set-points, us: an answer of 30 bytes for each joint, and one
+/// packet of 14 bytes and 5 for each joint, at 10 us a byte (1 Mbaud), the same in every cycle.
+const fn exchange_us(joints: u64) -> u64 {
+    (joints * 30 + 14 + joints * 5) * 10
+}
 
 /// Values that belong to one instant.
 #[derive(Debug, Clone, Default)]
 struct Row {
-    setpoints_rad: Option<[f64; JOINTS]>,
+    setpoints_rad: Option<Vec<f64>>,
     torque: bool,
-    feedback: [Option<Feedback>; JOINTS],
+    /// Empty, or one entry for each joint.
+    feedback: Vec<Option<Feedback>>,
     base: Option<[f64; 7]>,
     imu: Option<[f64; 6]>,
 }
@@ -62,6 +63,7 @@ pub fn to_csv(run: &RunData) -> String {
 #[must_use]
 pub fn to_csv_beside(run: &RunData, base: &[BaseRow], imu: &[ImuRow]) -> String {
     let columns = Columns {
+        joints: run.samples.first().map_or(0, |sample| sample.joints.len()),
         base: !base.is_empty(),
         imu: !imu.is_empty(),
     };
@@ -102,15 +104,16 @@ pub fn to_csv_beside(run: &RunData, base: &[BaseRow], imu: &[ImuRow]) -> String 
     out
 }
 
-/// Which columns stand behind those of the joints.
+/// How many joints, and which columns stand behind theirs.
 struct Columns {
+    joints: usize,
     base: bool,
     imu: bool,
 }
 
 fn header(columns: &Columns) -> String {
     let mut out = String::from("t_s,bus_v");
-    for k in 0..JOINTS {
+    for k in 0..columns.joints {
         let _ = write!(out, ",setpoint_rad_{k},enable_{k}");
         for name in MEASURED {
             let _ = write!(out, ",{name}_{k}");
@@ -134,16 +137,18 @@ fn rows(run: &RunData, timing: &Timing) -> BTreeMap<u64, Row> {
                 .iter()
                 .flat_map(|j| j.feedback)
                 .map(|f| f.t_us.saturating_sub(sample.t_us));
-            let bus_us = measured_us.max().unwrap_or(0) + EXCHANGE_US;
+            let bus_us = measured_us.max().unwrap_or(0) + exchange_us(sample.joints.len() as u64);
             let row = rows.entry(timing.sent_us(sample) + bus_us).or_default();
-            row.setpoints_rad = Some(sample.joints.map(|j| j.setpoint_rad));
+            row.setpoints_rad = Some(sample.joints.iter().map(|j| j.setpoint_rad).collect());
             row.torque = sample.torque;
         }
         for (k, joint) in sample.joints.iter().enumerate() {
             let Some(feedback) = joint.feedback else {
                 continue;
             };
-            rows.entry(feedback.t_us).or_default().feedback[k] = Some(feedback);
+            let row = rows.entry(feedback.t_us).or_default();
+            row.feedback.resize(sample.joints.len(), None);
+            row.feedback[k] = Some(feedback);
         }
     }
     rows
@@ -157,10 +162,11 @@ fn line(out: &mut String, t_us: i128, row: &Row, torque: bool, columns: &Columns
         out,
         (!volts.is_empty()).then_some((mean * 1e4).round() / 1e4),
     );
-    for k in 0..JOINTS {
-        cell(out, row.setpoints_rad.map(|s| s[k]));
+    for k in 0..columns.joints {
+        let setpoints = row.setpoints_rad.as_ref();
+        cell(out, setpoints.and_then(|s| s.get(k)).copied());
         cell(out, Some(if torque { 1.0 } else { 0.0 }));
-        let f = row.feedback[k];
+        let f = row.feedback.get(k).copied().flatten();
         cell(out, f.map(|f| f.applied_setpoint_rad));
         cell(out, f.map(|f| f.position_rad));
         cell(out, f.map(|f| f.velocity_rad_s));

@@ -5,6 +5,8 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
+use control::robot::JOINTS;
+
 use super::csv;
 use super::reader::Recording;
 
@@ -20,6 +22,14 @@ pub enum ExportError {
     /// The recording has no run with samples.
     #[error("the recording holds no samples")]
     NoSamples,
+    /// The recording is of another robot than a meta-module.
+    #[error(
+        "the recording is of a robot with {joints} joints, a data set of this form is of a meta-module with six; `rb-host rec export --csv` writes any robot"
+    )]
+    OtherRobot {
+        /// Joints of the robot.
+        joints: usize,
+    },
     /// Writing failed.
     #[error("cannot write {path}")]
     Write {
@@ -50,6 +60,13 @@ pub fn export(
         .collect();
     if runs.is_empty() {
         return Err(ExportError::NoSamples);
+    }
+    let joints = runs
+        .iter()
+        .flat_map(|r| r.samples.first())
+        .map(|s| s.joints.len());
+    if let Some(joints) = joints.into_iter().find(|joints| *joints != JOINTS) {
+        return Err(ExportError::OtherRobot { joints });
     }
     if fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
         return Err(ExportError::NotEmpty {

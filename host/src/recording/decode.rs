@@ -1,9 +1,9 @@
 //! Rows to CDR messages and back.
 
-use control::robot::{JOINT_NAMES, JOINTS};
+use control::machine::MAX_JOINTS;
 
 use super::cdr::{CdrError, CdrReader, CdrWriter};
-use super::rows::{EventRow, Feedback, JointRow, SampleRow};
+use super::rows::{EventRow, Feedback, JointRow, SampleRow, joint_names};
 
 /// `std_msgs/Header`, with the recording time as stamp.
 fn header(w: &mut CdrWriter, time_ns: u64) {
@@ -19,15 +19,15 @@ fn skip_header(r: &mut CdrReader<'_>) -> Result<(), CdrError> {
     r.string().map(drop)
 }
 
-fn names(w: &mut CdrWriter) {
-    w.sequence(JOINT_NAMES.iter(), |w, name| w.string(name));
+fn names(w: &mut CdrWriter, joints: usize) {
+    w.sequence(joint_names(joints).iter(), |w, name| w.string(name));
 }
 
 /// `sensor_msgs/JointState`: positions and speeds; no effort, because drivers measure none.
 pub(super) fn joint_state(row: &SampleRow, time_ns: u64) -> Vec<u8> {
     let mut w = CdrWriter::default();
     header(&mut w, time_ns);
-    names(&mut w);
+    names(&mut w, row.joints.len());
     numbers(&mut w, row, |f| f.position_rad);
     numbers(&mut w, row, |f| f.velocity_rad_s);
     w.sequence(core::iter::empty::<f64>(), CdrWriter::f64);
@@ -53,7 +53,7 @@ pub(super) fn motors(row: &SampleRow, time_ns: u64) -> Vec<u8> {
     for flag in [row.hold, row.approach, row.torque, row.new_setpoint] {
         w.bool(flag);
     }
-    names(&mut w);
+    names(&mut w, row.joints.len());
     let joints = &row.joints;
     w.sequence(joints.iter(), |w, j| w.bool(j.feedback.is_some()));
     w.sequence(joints.iter(), |w, j| {
@@ -85,57 +85,53 @@ pub(super) fn read_motors(message: &[u8]) -> Result<SampleRow, CdrError> {
         approach: r.bool()?,
         torque: r.bool()?,
         new_setpoint: r.bool()?,
-        joints: [JointRow {
-            setpoint_rad: 0.0,
-            feedback: None,
-        }; JOINTS],
+        joints: Vec::new(),
     };
     r.sequence(5, CdrReader::string)?;
-    let answered: [bool; JOINTS] = per_joint(r.sequence(1, CdrReader::bool)?)?;
-    let t_us: [u64; JOINTS] = per_joint(r.sequence(8, CdrReader::u64)?)?;
-    let mut fields = [[0.0; JOINTS]; 8];
-    for field in &mut fields {
-        *field = per_joint(r.sequence(8, CdrReader::f64)?)?;
+    let answered = r.sequence(1, CdrReader::bool)?;
+    let joints = answered.len();
+    let t_us = per_joint(joints, r.sequence(8, CdrReader::u64)?)?;
+    let mut fields = Vec::new();
+    for _ in 0..8 {
+        fields.push(per_joint(joints, r.sequence(8, CdrReader::f64)?)?);
     }
-    let status: [u16; JOINTS] = per_joint(r.sequence(2, CdrReader::u16)?)?;
-    let [
-        setpoint,
-        applied,
-        position,
-        velocity,
-        current,
-        duty,
-        voltage,
-        temperature,
-    ] = fields;
-    for (k, joint) in row.joints.iter_mut().enumerate() {
-        joint.setpoint_rad = setpoint[k];
-        joint.feedback = answered[k].then(|| Feedback {
-            t_us: t_us[k],
-            applied_setpoint_rad: applied[k],
-            position_rad: position[k],
-            velocity_rad_s: velocity[k],
-            current_a: current[k],
-            duty: duty[k],
-            voltage_v: voltage[k],
-            temperature_c: temperature[k],
-            status: status[k],
+    let status = per_joint(joints, r.sequence(2, CdrReader::u16)?)?;
+    for k in 0..joints {
+        let field = |index: usize| fields[index][k];
+        row.joints.push(JointRow {
+            setpoint_rad: field(0),
+            feedback: answered[k].then(|| Feedback {
+                t_us: t_us[k],
+                applied_setpoint_rad: field(1),
+                position_rad: field(2),
+                velocity_rad_s: field(3),
+                current_a: field(4),
+                duty: field(5),
+                voltage_v: field(6),
+                temperature_c: field(7),
+                status: status[k],
+            }),
         });
     }
     Ok(row)
 }
 
-fn per_joint<T>(list: Vec<T>) -> Result<[T; JOINTS], CdrError> {
-    list.try_into().map_err(|_| CdrError::Length)
+/// A list with one entry for each joint, of a robot that can be.
+fn per_joint<T>(joints: usize, list: Vec<T>) -> Result<Vec<T>, CdrError> {
+    if list.len() == joints && (1..=MAX_JOINTS).contains(&joints) {
+        Ok(list)
+    } else {
+        Err(CdrError::Length)
+    }
 }
 
 /// `rb_msgs/Cpg`.
-pub(super) fn cpg(run: u32, cycle: u32, setpoints_rad: &[f64; JOINTS], time_ns: u64) -> Vec<u8> {
+pub(super) fn cpg(run: u32, cycle: u32, setpoints_rad: &[f64], time_ns: u64) -> Vec<u8> {
     let mut w = CdrWriter::default();
     header(&mut w, time_ns);
     w.u32(run);
     w.u32(cycle);
-    names(&mut w);
+    names(&mut w, setpoints_rad.len());
     w.sequence(setpoints_rad.iter(), |w, v| w.f64(*v));
     w.finish()
 }

@@ -24,7 +24,7 @@ mod writer;
 
 pub use load::{LoadError, Loaded, load, run_text};
 pub use reader::{Attachment, ChannelCount, ReadError, Recording, RunData, parse, read};
-pub use rows::{EventRow, Feedback, JointRow, RunEndRow, RunStart, SampleRow};
+pub use rows::{EventRow, Feedback, JointRow, RunEndRow, RunStart, SampleRow, joint_names};
 pub use scan::{Damage, DamageKind};
 pub use writer::{Header, Recorder, RecorderError};
 

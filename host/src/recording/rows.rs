@@ -1,6 +1,6 @@
 //! What a recording holds, as values: one row per sample, event and run. Independent of the wire.
 
-use control::robot::JOINTS;
+use control::robot::JOINT_NAMES;
 
 /// One telemetry sample of all joints.
 #[derive(Debug, Clone, PartialEq)]
@@ -20,7 +20,17 @@ pub struct SampleRow {
     /// Whether the set-points are new in this sample (at 100 Hz: in one of five).
     pub new_setpoint: bool,
     /// Joints in order.
-    pub joints: [JointRow; JOINTS],
+    pub joints: Vec<JointRow>,
+}
+
+/// Names of the joints of a robot with so many: those of a meta-module, else `J0` and so on.
+#[must_use]
+pub fn joint_names(joints: usize) -> Vec<String> {
+    if joints == JOINT_NAMES.len() {
+        JOINT_NAMES.map(str::to_owned).to_vec()
+    } else {
+        (0..joints).map(|joint| format!("J{joint}")).collect()
+    }
 }
 
 /// One joint of a sample.

@@ -6,7 +6,6 @@ use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use control::gait::Gait;
-use control::robot::JOINTS;
 use mcap::records::{MessageHeader, Metadata};
 use mcap::{Attachment, WriteOptions, Writer};
 
@@ -283,10 +282,8 @@ impl Recorder {
         let mut state = control::cpg::start(gait);
         for cycle in 0..cycles {
             let set_points = control::cpg::step(gait, &mut state, control::CYCLE_S);
-            let Some(joints) = set_points.joints() else {
-                return Ok(());
-            };
-            let values: [f64; JOINTS] = joints.map(f64::from);
+            let angles = set_points.as_slice().iter();
+            let values: Vec<f64> = angles.map(|angle| f64::from(*angle)).collect();
             let time_ns = self.time_ns(start_us + u64::from(cycle) * control::CYCLE_US);
             self.message(CPG, time_ns, &decode::cpg(run, cycle, &values, time_ns))?;
         }

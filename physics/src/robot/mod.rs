@@ -144,6 +144,7 @@ impl From<&Structure> for RawRobot {
             axis: [1.0, 0.0, 0.0],
             joint: 0,
             motor: Motor::Connector,
+            no_load_speed_rad_s: None,
         };
         let body = |hinge: &Option<Hinge>| {
             let h = hinge.as_ref().unwrap_or(&base);

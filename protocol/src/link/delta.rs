@@ -7,8 +7,8 @@
 //! nearer of late. Set-points, which are smooth, follow the polynomial through their last four values, the tick the module's clock. The
 //! applied set-point keeps its distance to the set-point; everything else stays. In the first sample of a block each motor is coded against the one before it, its position against its set-point.
 
-use super::JOINTS;
 use super::telemetry::{MotorSample, Sample};
+use super::{JOINTS, MAX_JOINTS};
 use crate::bus::PackedFeedback;
 
 /// Numbers of a motor, in the order of `MotorHistory::residuals`.
@@ -26,6 +26,33 @@ pub(super) const MAX_SAMPLE: usize =
         .div_ceil(8);
 /// Upper half of a time that does not follow the last one.
 const TIME_HIGH_BITS: usize = 32;
+
+/// Bits of each number written plainly, in the orders of `SampleDelta::head` and `MotorHistory::residuals`.
+const PLAIN_HEAD: [u32; HEAD] = [32, 32, 9, 17];
+const PLAIN_MOTOR: [u32; FIELDS] = [32, 16, 16, 16, 32, 32, 16, 16, 32, 16, 9, 9];
+const _: () = assert!(plain_bits(MAX_JOINTS) <= MAX_SAMPLE * 8);
+
+/// Most bits of a sample of so many motors in [`Form::Plain`].
+const fn plain_bits(motors: usize) -> usize {
+    // The bit of the form, the one of the time's upper half, that half; one more for each motor's set-point.
+    1 + 1 + TIME_HIGH_BITS + sum(&PLAIN_HEAD) + motors * (1 + sum(&PLAIN_MOTOR))
+}
+
+const fn sum(widths: &[u32]) -> usize {
+    match widths {
+        [] => 0,
+        [first, rest @ ..] => *first as usize + sum(rest),
+    }
+}
+
+/// How the numbers of a sample are written. Samples of six motors are always adaptive; others begin with a bit that says it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Form {
+    /// Golomb-Rice codes.
+    Adaptive,
+    /// Every number in as many bits as it can need: what is left where the codes of more than six motors would not fit a block.
+    Plain,
+}
 
 /// Marks a size that is followed instead of set.
 const KEEP: u8 = u8::MAX;
@@ -46,12 +73,12 @@ const SETPOINT: usize = 4;
 const HEAD_SIZES: [[u8; HEAD]; 3] = [[9, 24, 2, 6], [1, 15, 1, 0], [KEEP, 0, KEEP, KEEP]];
 
 /// What encoder and decoder remember; both start from zeros.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct SampleDelta {
     last: Sample,
     t_step: u64,
     head: [Rice; HEAD],
-    motors: [MotorHistory; JOINTS],
+    motors: [MotorHistory; MAX_JOINTS],
     samples: u8,
 }
 
@@ -80,32 +107,37 @@ impl Rice {
         Self(4 << log2)
     }
 
-    /// Codes one number both ways.
-    fn code<B: Bits>(&mut self, bits: &mut B, value: i32) -> Option<i32> {
+    /// Codes one number both ways; `plain`: in how many bits.
+    fn code<B: Bits>(&mut self, bits: &mut B, value: i32, plain: Option<u32>) -> Option<i32> {
+        let code = match plain {
+            Some(width) => bits.bits(zigzag(value), width)?,
+            None => self.adaptive(bits, zigzag(value))?,
+        };
+        self.0 = self.0.saturating_sub(self.0 >> 2).saturating_add(code);
+        Some(unzigzag(code))
+    }
+
+    fn adaptive<B: Bits>(&self, bits: &mut B, code: u32) -> Option<u32> {
         let k = (u32::BITS - (self.0 >> 2).leading_zeros())
             .saturating_sub(1)
             .min(30);
-        let code = zigzag(value);
         let quotient = code >> k;
         let mut ones = 0;
         // At most ESCAPE passes.
         while ones < ESCAPE && bits.bits(u32::from(ones < quotient), 1)? == 1 {
             ones += 1;
         }
-        let code = if ones == ESCAPE {
-            bits.bits(code, PLAIN_BITS)?
-        } else {
-            let low = bits.bits(code & ((1 << k) - 1), k)?;
-            ones << k | low
-        };
-        self.0 = self.0.saturating_sub(self.0 >> 2).saturating_add(code);
-        Some(unzigzag(code))
+        if ones == ESCAPE {
+            return bits.bits(code, PLAIN_BITS);
+        }
+        let low = bits.bits(code & ((1 << k) - 1), k)?;
+        Some(ones << k | low)
     }
 }
 
 impl SampleDelta {
-    /// Nothing seen.
-    pub(super) const fn new() -> Self {
+    /// Nothing seen, of no robot.
+    pub(super) const BLANK: Self = {
         let nothing = MotorHistory {
             motion: Motion {
                 step: 0,
@@ -123,22 +155,42 @@ impl SampleDelta {
             last: Sample::ZERO,
             t_step: 0,
             head: [Rice(0); HEAD],
-            motors: [nothing; JOINTS],
+            motors: [nothing; MAX_JOINTS],
             samples: 0,
+        }
+    };
+
+    /// Nothing seen, of a robot with this many motors.
+    pub(super) fn new(motors: u8) -> Self {
+        Self {
+            last: Sample::of(motors),
+            ..Self::BLANK
         }
     }
 
-    /// Writes the code of `sample`; returns its length.
-    pub(super) fn encode(&mut self, sample: &Sample, out: &mut [u8; MAX_SAMPLE]) -> usize {
+    /// Whether each sample says in which form it is.
+    fn says_form(&self) -> bool {
+        self.last.motors.len() != JOINTS
+    }
+
+    /// Writes the code of `sample` over zeros; returns its length. `None` when it does not fit: never in [`Form::Plain`], never of six
+    /// motors.
+    pub(super) fn encode(
+        &mut self,
+        sample: &Sample,
+        out: &mut [u8; MAX_SAMPLE],
+        form: Form,
+    ) -> Option<usize> {
         let mut writer = Writer { out, len: 0 };
-        let _ = self.walk(&mut writer, sample);
-        writer.len.div_ceil(8)
+        self.walk(&mut writer, sample, form)?;
+        Some(writer.len.div_ceil(8))
     }
 
     /// Reads one sample; `None` when the bytes end early or a number is impossible.
     pub(super) fn decode<'a>(&mut self, bytes: &'a [u8]) -> Option<(Sample, &'a [u8])> {
         let mut reader = Reader { bytes, at: 0 };
-        let sample = self.walk(&mut reader, &Sample::ZERO)?;
+        let nothing = Sample::of(self.last.motors.len() as u8);
+        let sample = self.walk(&mut reader, &nothing, Form::Adaptive)?;
         let used = reader.at.div_ceil(8);
         // The rest of the last byte is zero, so that one sample has one code.
         while reader.at < used.saturating_mul(8) {
@@ -150,17 +202,21 @@ impl SampleDelta {
     }
 
     /// One sample through `bits`; `sample` counts only when writing.
-    fn walk<B: Bits>(&mut self, bits: &mut B, sample: &Sample) -> Option<Sample> {
+    fn walk<B: Bits>(&mut self, bits: &mut B, sample: &Sample, form: Form) -> Option<Sample> {
         self.set_sizes();
-        let last = self.last;
+        let plain = self.says_form() && bits.bits(u32::from(form == Form::Plain), 1)? == 1;
+        let width = |index: usize| PLAIN_HEAD.get(index).copied().filter(|_| plain);
+        let last = self.last.clone();
         let [cycle, time, flags, mask] = &mut self.head;
-        let cycle = last
-            .cycle
-            .wrapping_add(cycle.code(bits, sample.cycle.wrapping_sub(last.cycle) as i32)? as u32);
+        let cycle = last.cycle.wrapping_add(cycle.code(
+            bits,
+            sample.cycle.wrapping_sub(last.cycle) as i32,
+            width(0),
+        )? as u32);
         // Times move on evenly; 32 bits of the difference are enough but for the first sample and jumps.
         let t_predicted = last.t_us.wrapping_add(self.t_step);
         let t_residual = sample.t_us.wrapping_sub(t_predicted);
-        let low = time.code(bits, t_residual as u32 as i32)?;
+        let low = time.code(bits, t_residual as u32 as i32, width(1))?;
         let near = t_residual as u32 as i32 as i64 as u64 == t_residual;
         let extended = i64::from(low) as u64;
         let t_residual = if bits.bits(u32::from(!near), 1)? == 1 {
@@ -169,31 +225,36 @@ impl SampleDelta {
             extended
         };
         let t_us = t_predicted.wrapping_add(t_residual);
-        let flags = last.flags ^ byte(flags.code(bits, i32::from(sample.flags ^ last.flags))?)?;
-        let valid_mask = last.valid_mask
-            ^ byte(mask.code(bits, i32::from(sample.valid_mask ^ last.valid_mask))?)?;
+        let flags =
+            last.flags ^ byte(flags.code(bits, i32::from(sample.flags ^ last.flags), width(2))?)?;
+        let mask = mask.code(
+            bits,
+            i32::from(sample.valid_mask ^ last.valid_mask),
+            width(3),
+        )?;
+        let valid_mask = last.valid_mask ^ u16::try_from(mask).ok()?;
         let mut out = Sample {
             cycle,
             t_us,
             flags,
             valid_mask,
-            motors: last.motors,
+            motors: last.motors.clone(),
         };
         let t_passed_us = t_us.wrapping_sub(last.t_us);
         let mut neighbour = MotorSample::ZERO;
         let before = self.motors.iter_mut().zip(&last.motors);
         for ((to, from), (history, last)) in out.motors.iter_mut().zip(&sample.motors).zip(before) {
             *to = if self.samples == 0 {
-                history.walk_first(bits, &neighbour, from)?
+                history.walk_first(bits, &neighbour, from, plain)?
             } else {
-                history.walk(bits, last, from, t_passed_us)?
+                history.walk(bits, last, from, t_passed_us, plain)?
             };
             neighbour = *to;
         }
         if self.samples > 0 {
             self.t_step = t_us.wrapping_sub(last.t_us);
         }
-        self.last = out;
+        self.last = out.clone();
         self.samples = self.samples.saturating_add(1);
         Some(out)
     }
@@ -226,6 +287,7 @@ impl MotorHistory {
         bits: &mut B,
         neighbour: &MotorSample,
         now: &MotorSample,
+        plain: bool,
     ) -> Option<MotorSample> {
         // Angles, speeds and currents of neighbours have nothing in common; what is left does.
         let last = MotorSample {
@@ -255,7 +317,7 @@ impl MotorHistory {
             },
             ..*sample
         };
-        let mut now = self.code(bits, &last, &lag(now), 0)?;
+        let mut now = self.code(bits, &last, &lag(now), 0, plain)?;
         now.feedback.position_urad = now.feedback.position_urad.wrapping_add(now.setpoint_urad);
         self.motion.begun = true;
         Some(now)
@@ -267,8 +329,9 @@ impl MotorHistory {
         last: &MotorSample,
         now: &MotorSample,
         t_passed_us: u64,
+        plain: bool,
     ) -> Option<MotorSample> {
-        let now = self.code(bits, last, now, t_passed_us)?;
+        let now = self.code(bits, last, now, t_passed_us, plain)?;
         self.follow(last, &now, t_passed_us);
         Some(now)
     }
@@ -279,6 +342,7 @@ impl MotorHistory {
         last: &MotorSample,
         now: &MotorSample,
         t_passed_us: u64,
+        plain: bool,
     ) -> Option<MotorSample> {
         let changed = bits.bits(u32::from(now.setpoint_urad != last.setpoint_urad), 1)? == 1;
         let mut residuals = self.residuals(last, now, t_passed_us);
@@ -288,9 +352,10 @@ impl MotorHistory {
         {
             *rice = Rice::sized(*size);
         }
-        for (index, (residual, rice)) in residuals.iter_mut().zip(&mut self.rice).enumerate() {
+        let numbers = residuals.iter_mut().zip(&mut self.rice).zip(PLAIN_MOTOR);
+        for (index, ((residual, rice), width)) in numbers.enumerate() {
             if index != SETPOINT || changed {
-                *residual = rice.code(bits, *residual)?;
+                *residual = rice.code(bits, *residual, plain.then_some(width))?;
             }
         }
         self.restore(last, &residuals, changed, t_passed_us)
@@ -475,7 +540,7 @@ struct Writer<'a> {
 impl Bits for Writer<'_> {
     fn bits(&mut self, code: u32, width: u32) -> Option<u32> {
         for bit in 0..width {
-            // MAX_SAMPLE is the sum of all maxima, so there is always a place.
+            // MAX_SAMPLE is the sum of all maxima of six motors: only more of them find no place.
             let place = self.out.get_mut(self.len >> 3)?;
             let mask = 1 << (self.len & 7);
             if code >> bit & 1 == 1 {

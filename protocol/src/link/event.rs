@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::gait::Digest;
 use super::message::WrongDriver;
+use super::robot::WireContact;
 use crate::bus::Profile;
 
 use super::status::{Fault, FaultInfo, ModuleState, ResetCause};
@@ -108,12 +109,12 @@ pub enum EventKind {
     /// Joints got their zero.
     Homed {
         /// Bit k = joint k.
-        mask: u8,
+        mask: u16,
     },
     /// Zero lost.
     Unhomed {
         /// Bit k = joint k.
-        mask: u8,
+        mask: u16,
     },
     /// A cycle took longer than its period.
     Overrun {
@@ -180,6 +181,13 @@ pub enum EventKind {
     },
     /// A key is set, and a debug probe can read it: the readout protection of the flash is off.
     KeyReadable,
+    /// The module is another robot from now on.
+    RobotChanged {
+        /// Joints.
+        joints: u8,
+        /// What of it may meet.
+        contact: WireContact,
+    },
 }
 
 /// What a receiver can report.

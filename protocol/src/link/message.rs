@@ -1,19 +1,21 @@
 //! Every message of the host link.
 //!
 //! The type byte is the variant's place in its enum, the payload is postcard of the variant's fields. Add variants at the end, never edit one:
+//! A mask of joints is a u16; postcard writes one of up to seven joints in the one byte that a u8 took.
 //! `tests/versioning/v01.rs` holds the bytes. `docs/reference/protocol.md` has the table for people.
 
 use heapless::Vec;
 use serde::{Deserialize, Serialize};
 
-use super::MAX_SLOTS;
 use super::auth::{Key, Nonce, Tag};
 use super::event::{Event, RunEnd};
 use super::frame::Message;
 use super::gait::{Digest, WireGait};
 use super::reject::Reject;
+use super::robot::WireRobot;
 use super::status::{CrashRecord, Hello, Info, ModuleState, SlotInfo};
 use super::telemetry::{Sample, SampleBlock};
+use super::{JOINTS, MAX_SLOTS};
 use crate::bus::Profile;
 use crate::bus::master::MAX_DRIVERS;
 
@@ -96,7 +98,7 @@ pub enum ToModule {
     /// The user has placed these joints in the home pose: store it as zero. Signed. -> [`FromModule::Ack`].
     Zero {
         /// Bit k = joint k.
-        joint_mask: u8,
+        joint_mask: u16,
         /// Proof.
         tag: Tag,
     },
@@ -187,6 +189,15 @@ pub enum ToModule {
     },
     /// -> [`FromModule::Drivers`].
     GetDrivers,
+    /// Which robot this is: its joints and what of it may meet; kept over a reset. Every zero is lost. Refused in Run. Signed. -> [`FromModule::Ack`].
+    SetRobot {
+        /// The robot.
+        robot: WireRobot,
+        /// Proof.
+        tag: Tag,
+    },
+    /// -> [`FromModule::Robot`].
+    GetRobot,
 }
 
 /// Module to host. Answers carry the request's sequence number; `Sample`, `SampleBlock`, `Event` and `RunEnd` also come unasked.
@@ -243,9 +254,9 @@ pub enum FromModule {
         slots: Vec<Option<SlotInfo>, MAX_SLOTS>,
     },
     /// One cycle, as it happens.
-    Sample(Sample),
+    Sample(#[serde(with = "super::telemetry::six_sample")] Sample),
     /// Several cycles, delta-coded.
-    SampleBlock(SampleBlock),
+    SampleBlock(#[serde(with = "super::telemetry::six_block")] SampleBlock),
     /// Something happened.
     Event(Event),
     /// A run is over.
@@ -291,6 +302,33 @@ pub enum FromModule {
         /// Drivers that are of another one, or do not take their settings; they do not move.
         wrong: Vec<WrongDriver, MAX_DRIVERS>,
     },
+    /// As [`FromModule::Sample`], of a robot that has not six joints.
+    SampleOf(Sample),
+    /// As [`FromModule::SampleBlock`], of a robot that has not six joints.
+    SampleBlockOf(SampleBlock),
+    /// Answer to `GetRobot`.
+    Robot(WireRobot),
+}
+
+impl From<Sample> for FromModule {
+    fn from(sample: Sample) -> Self {
+        if sample.motors.len() == JOINTS {
+            Self::Sample(sample)
+        } else {
+            Self::SampleOf(sample)
+        }
+    }
+}
+
+impl From<SampleBlock> for FromModule {
+    fn from(block: SampleBlock) -> Self {
+        // One of no robot is empty.
+        if [0, JOINTS].contains(&usize::from(block.motors)) {
+            Self::SampleBlock(block)
+        } else {
+            Self::SampleBlockOf(block)
+        }
+    }
 }
 
 /// A driver that the module does not drive.
@@ -330,7 +368,7 @@ pub enum BusStatus {
 }
 
 impl Message for ToModule {
-    const COUNT: u8 = 26;
+    const COUNT: u8 = 28;
 
     fn kind(&self) -> u8 {
         match self {
@@ -360,6 +398,8 @@ impl Message for ToModule {
             Self::ChangeGait { .. } => 23,
             Self::SetDrivers { .. } => 24,
             Self::GetDrivers => 25,
+            Self::SetRobot { .. } => 26,
+            Self::GetRobot => 27,
         }
     }
 }
@@ -380,7 +420,8 @@ impl ToModule {
             | Self::StartTethered { tag, .. }
             | Self::Heartbeat { tag }
             | Self::ChangeGait { tag, .. }
-            | Self::SetDrivers { tag, .. } => Some(tag),
+            | Self::SetDrivers { tag, .. }
+            | Self::SetRobot { tag, .. } => Some(tag),
             Self::Hello { .. }
             | Self::GetInfo
             | Self::GetChallenge
@@ -394,7 +435,8 @@ impl ToModule {
             | Self::SetKey { .. }
             | Self::GetCrash
             | Self::ProveState { .. }
-            | Self::GetDrivers => None,
+            | Self::GetDrivers
+            | Self::GetRobot => None,
         }
     }
 
@@ -406,7 +448,7 @@ impl ToModule {
 }
 
 impl Message for FromModule {
-    const COUNT: u8 = 18;
+    const COUNT: u8 = 21;
 
     fn kind(&self) -> u8 {
         match self {
@@ -428,6 +470,9 @@ impl Message for FromModule {
             Self::Events { .. } => 15,
             Self::State { .. } => 16,
             Self::Drivers { .. } => 17,
+            Self::SampleOf(_) => 18,
+            Self::SampleBlockOf(_) => 19,
+            Self::Robot(_) => 20,
         }
     }
 }

@@ -3,6 +3,7 @@
 //! * [`frame`]: bytes to frames and back. [`Decoder`] takes one byte at a time and finds the next frame after any damage.
 //! * [`message`]: [`ToModule`], [`FromModule`], [`Reject`]. The enums grow at the end only; a message is never edited.
 //! * [`auth`]: challenge, tag, key.
+//! * [`robot`]: which robot a module is.
 //! * [`telemetry`]: [`Sample`], the delta-coded [`SampleBlock`], the log that holds blocks until they are drained.
 //! * [`server`]: module side; one dispatch over [`ModuleHandler`] for real firmware and emulators.
 //! * [`client`]: host side; sequence numbers, signing, decoding.
@@ -15,6 +16,7 @@ pub mod frame;
 pub mod gait;
 pub mod message;
 pub mod reject;
+pub mod robot;
 pub mod server;
 pub mod status;
 pub mod telemetry;
@@ -28,7 +30,8 @@ pub use frame::{
 };
 pub use gait::{Digest, WireGait, WireLink, WireOscillator};
 pub use message::{BusStatus, FromModule, TelemetryRate, ToModule, WrongDriver};
-pub use reject::{GaitField, GaitReject, Reject, StorageFault};
+pub use reject::{GaitField, GaitReject, Reject, RobotReject, StorageFault};
+pub use robot::{WireContact, WireRobot};
 pub use server::{
     BusAnswer, Completed, Drivers, ModuleHandler, Outcome, Port, Server, StartOrder, StoredGait,
 };
@@ -40,7 +43,9 @@ pub use telemetry::{MotorSample, Sample, SampleBlock, SampleLog};
 
 /// Joints of a meta-module.
 pub const JOINTS: usize = control::robot::JOINTS;
-/// Bit mask of all joints.
-pub const ALL_JOINTS: u8 = (1 << JOINTS) - 1;
+/// Bit mask of all joints of a meta-module.
+pub const ALL_JOINTS: u16 = control::machine::all_joints(JOINTS as u8);
+/// Joints a robot may have.
+pub const MAX_JOINTS: usize = control::machine::MAX_JOINTS;
 /// Gait slots a module may have at most.
 pub const MAX_SLOTS: usize = 8;

@@ -1,5 +1,6 @@
 //! Why an order was not carried out.
 
+use control::machine::MachineError;
 use control::{gait, supervisor};
 use serde::{Deserialize, Serialize};
 
@@ -72,12 +73,12 @@ pub enum Reject {
     /// Joints without zero.
     NotHomed {
         /// Bit k = joint k.
-        missing_mask: u8,
+        missing_mask: u16,
     },
     /// Drivers that do not answer.
     MotorsMissing {
         /// Bit k = joint k.
-        missing_mask: u8,
+        missing_mask: u16,
     },
     /// The way from here collides.
     Collision {
@@ -139,6 +140,10 @@ pub enum Reject {
         /// Number of that link, 0 or 1.
         link: u8,
     },
+    /// The robot of the order cannot be.
+    Robot(RobotReject),
+    /// Nothing checks that the parts of this robot do not meet, and its user has not said that he knows.
+    ContactUnstated,
 }
 
 impl Reject {
@@ -290,6 +295,41 @@ impl From<gait::RobotMismatch> for GaitReject {
                 needed_rad_s,
                 limit_rad_s,
             },
+        }
+    }
+}
+
+/// What is wrong with a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum RobotReject {
+    /// No joint, or too many.
+    JointCount {
+        /// Joints given.
+        joints: u8,
+    },
+    /// A robot of this kind has another number.
+    WrongCount {
+        /// Joints given.
+        joints: u8,
+        /// Joints it has.
+        expected: u8,
+    },
+    /// A no-load speed is not a number or outside its range.
+    Speed {
+        /// Joint.
+        joint: u8,
+        /// The speed.
+        value_rad_s: f32,
+    },
+}
+
+impl From<MachineError> for RobotReject {
+    fn from(error: MachineError) -> Self {
+        match error {
+            MachineError::JointCount { joints } => Self::JointCount { joints },
+            MachineError::WrongCount { joints, expected } => Self::WrongCount { joints, expected },
+            MachineError::Speed { joint, value_rad_s } => Self::Speed { joint, value_rad_s },
         }
     }
 }

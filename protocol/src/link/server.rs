@@ -17,7 +17,7 @@ use super::message::{
 use super::reject::Reject;
 use super::status::{CrashRecord, Hello, Info, SlotInfo};
 use super::telemetry::SampleBlock;
-use super::{MAX_SLOTS, event::Event};
+use super::{MAX_SLOTS, event::Event, robot::WireRobot};
 use crate::bus::Profile;
 use crate::bus::master::MAX_DRIVERS;
 
@@ -117,7 +117,7 @@ pub trait ModuleHandler {
     /// Leave Fault or EStop.
     fn clear_fault(&mut self) -> Result<Outcome, Reject>;
     /// These joints are in the home pose.
-    fn zero(&mut self, joint_mask: u8) -> Result<Outcome, Reject>;
+    fn zero(&mut self, joint_mask: u16) -> Result<Outcome, Reject>;
     /// Change the live telemetry.
     fn subscribe(&mut self, rate: TelemetryRate) -> Result<(), Reject>;
     /// Appends events from number `since` on; returns the number to ask for next and how many of those asked for are lost.
@@ -134,6 +134,14 @@ pub trait ModuleHandler {
     fn crash(&mut self) -> Option<CrashRecord>;
     /// Drive another table profile.
     fn set_drivers(&mut self, _profile: Profile) -> Result<Outcome, Reject> {
+        Err(Reject::Unsupported)
+    }
+    /// Be another robot.
+    fn set_robot(&mut self, _robot: &WireRobot) -> Result<Outcome, Reject> {
+        Err(Reject::Unsupported)
+    }
+    /// Which robot it is.
+    fn robot(&mut self) -> Result<WireRobot, Reject> {
         Err(Reject::Unsupported)
     }
     /// What is driven, and what is on the bus that is not.
@@ -560,7 +568,7 @@ impl Server {
                 FromModule::Events { next, lost, events }
             }
             ToModule::Drain { from_sample } => match handler.drain(from_sample) {
-                Ok(block) => FromModule::SampleBlock(block),
+                Ok(block) => block.into(),
                 Err(reason) => nack(reason),
             },
             ToModule::GetCrash => FromModule::Crash(handler.crash()),
@@ -568,6 +576,10 @@ impl Server {
                 let (profile, wrong) = handler.drivers();
                 FromModule::Drivers { profile, wrong }
             }
+            ToModule::GetRobot => match handler.robot() {
+                Ok(robot) => FromModule::Robot(robot),
+                Err(reason) => nack(reason),
+            },
             // These are answered before; orders go through `carry_out`.
             ToModule::Stop
             | ToModule::ProveState { .. }
@@ -575,6 +587,7 @@ impl Server {
             | ToModule::Heartbeat { .. }
             | ToModule::ChangeGait { .. }
             | ToModule::SetDrivers { .. }
+            | ToModule::SetRobot { .. }
             | ToModule::PutGait { .. }
             | ToModule::ActivateSlot { .. }
             | ToModule::EraseSlot { .. }
@@ -662,6 +675,7 @@ fn carry_out<H: ModuleHandler>(
             handler.change_gait(*slot, *digest).map(Into::into)
         }
         ToModule::SetDrivers { profile, .. } => handler.set_drivers(*profile).map(Into::into),
+        ToModule::SetRobot { robot, .. } => handler.set_robot(robot).map(Into::into),
         ToModule::ClearFault { .. } => handler.clear_fault().map(Into::into),
         ToModule::Zero { joint_mask, .. } => handler.zero(*joint_mask).map(Into::into),
         ToModule::BusRaw {
@@ -684,6 +698,7 @@ fn carry_out<H: ModuleHandler>(
         | ToModule::Drain { .. }
         | ToModule::ProveState { .. }
         | ToModule::GetDrivers
+        | ToModule::GetRobot
         | ToModule::GetCrash => Err(Reject::Unsupported),
     }
 }

@@ -54,9 +54,9 @@ pub struct Info {
     /// Battery, mV; 0 when not measured.
     pub battery_mv: u16,
     /// Bit k: joint k has a zero.
-    pub homed_mask: u8,
+    pub homed_mask: u16,
     /// Bit k: driver k answers.
-    pub motor_mask: u8,
+    pub motor_mask: u16,
     /// Time since boot, us.
     pub uptime_us: u64,
     /// 20 Hz cycles since boot.

@@ -5,8 +5,8 @@
 use heapless::{Deque, Vec};
 use serde::{Deserialize, Serialize};
 
-use super::JOINTS;
-use super::delta::{self, SampleDelta};
+use super::delta::{self, Form, SampleDelta};
+use super::{JOINTS, MAX_JOINTS};
 use crate::bus::PackedFeedback;
 
 /// One motor in one cycle.
@@ -22,7 +22,7 @@ pub struct MotorSample {
 }
 
 /// All motors in one cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sample {
     /// CPG cycle of the run.
@@ -32,9 +32,9 @@ pub struct Sample {
     /// [`flags`].
     pub flags: u8,
     /// Bit k: motor k answered in this cycle. Where it did not, its numbers are those of its last answer.
-    pub valid_mask: u8,
-    /// In joint order.
-    pub motors: [MotorSample; JOINTS],
+    pub valid_mask: u16,
+    /// In joint order, as many as the robot has.
+    pub motors: Vec<MotorSample, MAX_JOINTS>,
 }
 
 impl MotorSample {
@@ -47,14 +47,25 @@ impl MotorSample {
 }
 
 impl Sample {
-    /// All zero.
+    /// All zero, without motors.
     pub const ZERO: Self = Self {
         cycle: 0,
         t_us: 0,
         flags: 0,
         valid_mask: 0,
-        motors: [MotorSample::ZERO; JOINTS],
+        motors: Vec::new(),
     };
+
+    /// All zero, of a robot with this many motors, at most [`MAX_JOINTS`].
+    #[must_use]
+    pub fn of(motors: u8) -> Self {
+        let mut sample = Self::ZERO;
+        for _ in 0..motors {
+            // More than fit are left out.
+            let _ = sample.motors.push(MotorSample::ZERO);
+        }
+        sample
+    }
 }
 
 /// Bits of [`Sample::flags`].
@@ -86,8 +97,10 @@ pub struct SampleBlock {
     pub count: u8,
     /// Samples of this run dropped so far.
     pub dropped: u32,
+    /// Motors of the robot; 0 where none has run yet.
+    pub motors: u8,
     /// The delta code.
-    pub data: Vec<u8, MAX_BLOCK_DATA>,
+    pub data: Vec<u8, MAX_BLOCK_DATA, u16>,
 }
 
 /// Why a block cannot be read.
@@ -113,7 +126,7 @@ impl SampleBlock {
         Samples {
             data: &self.data,
             left: self.count,
-            state: SampleDelta::new(),
+            state: SampleDelta::new(self.motors),
         }
     }
 }
@@ -158,16 +171,28 @@ struct BlockWriter {
 }
 
 impl BlockWriter {
-    const fn new(run: u16) -> Self {
+    /// Of no robot, nothing written: a constant, so that a static can hold it.
+    const BLANK: Self = Self {
+        block: SampleBlock {
+            run: 0,
+            first: 0,
+            count: 0,
+            dropped: 0,
+            motors: 0,
+            data: Vec::new(),
+        },
+        state: SampleDelta::BLANK,
+        next: 0,
+    };
+
+    fn new(run: u16, motors: u8) -> Self {
         Self {
             block: SampleBlock {
                 run,
-                first: 0,
-                count: 0,
-                dropped: 0,
-                data: Vec::new(),
+                motors,
+                ..SampleBlock::default()
             },
-            state: SampleDelta::new(),
+            state: SampleDelta::new(motors),
             next: 0,
         }
     }
@@ -189,9 +214,10 @@ impl BlockWriter {
             first: self.next,
             dropped: self.block.dropped,
             run: self.block.run,
+            motors: self.block.motors,
             ..SampleBlock::default()
         };
-        self.state = SampleDelta::new();
+        self.state = SampleDelta::new(self.block.motors);
         let ended = core::mem::replace(&mut self.block, next);
         (ended.count > 0).then_some(ended)
     }
@@ -201,8 +227,15 @@ impl BlockWriter {
             return false;
         }
         let mut code = [0; delta::MAX_SAMPLE];
-        let mut state = self.state;
-        let used = state.encode(sample, &mut code);
+        let mut state = self.state.clone();
+        let mut used = state.encode(sample, &mut code, Form::Adaptive);
+        if used.is_none() {
+            // More than six motors, most of them far from what was predicted.
+            state = self.state.clone();
+            code = [0; delta::MAX_SAMPLE];
+            used = state.encode(sample, &mut code, Form::Plain);
+        }
+        let Some(used) = used else { return false };
         let code = code.get(..used).unwrap_or(&[]);
         if self.block.data.extend_from_slice(code).is_err() {
             return false;
@@ -240,15 +273,15 @@ impl<const BLOCKS: usize> SampleLog<BLOCKS> {
         Self {
             blocks: Deque::new(),
             sent: 0,
-            writer: BlockWriter::new(0),
+            writer: BlockWriter::BLANK,
         }
     }
 
-    /// Forgets the last run, begins one with this number.
-    pub fn begin(&mut self, run: u16) {
+    /// Forgets the last run, begins one with this number on a robot with this many motors.
+    pub fn begin(&mut self, run: u16, motors: u8) {
         self.blocks.clear();
         self.sent = 0;
-        self.writer = BlockWriter::new(run);
+        self.writer = BlockWriter::new(run, motors);
     }
 
     /// Takes a sample.
@@ -288,6 +321,7 @@ impl<const BLOCKS: usize> SampleLog<BLOCKS> {
                 run: self.writer.block.run,
                 first: self.writer.next,
                 dropped: self.dropped(),
+                motors: self.writer.block.motors,
                 ..SampleBlock::default()
             },
         }
@@ -326,5 +360,110 @@ impl<const BLOCKS: usize> SampleLog<BLOCKS> {
             let dropped = &mut self.writer.block.dropped;
             *dropped = dropped.saturating_add(u32::from(refused.count));
         }
+    }
+}
+
+/// A [`Sample`] of six motors, as the wire has carried it from the start: without their number.
+pub(super) mod six_sample {
+    use super::{JOINTS, MotorSample, Sample, Vec};
+    use serde::de::Deserializer;
+    use serde::ser::{Error, Serializer};
+    use serde::{Deserialize, Serialize};
+
+    #[derive(Serialize, Deserialize)]
+    struct SixSample {
+        cycle: u32,
+        t_us: u64,
+        flags: u8,
+        valid_mask: u16,
+        motors: [MotorSample; JOINTS],
+    }
+
+    pub(in super::super) fn serialize<S: Serializer>(
+        sample: &Sample,
+        to: S,
+    ) -> Result<S::Ok, S::Error> {
+        let motors = sample.motors.as_slice().try_into();
+        let motors = motors.map_err(|_| S::Error::custom("not six motors"))?;
+        SixSample {
+            cycle: sample.cycle,
+            t_us: sample.t_us,
+            flags: sample.flags,
+            valid_mask: sample.valid_mask,
+            motors,
+        }
+        .serialize(to)
+    }
+
+    pub(in super::super) fn deserialize<'de, D: Deserializer<'de>>(
+        from: D,
+    ) -> Result<Sample, D::Error> {
+        let six = SixSample::deserialize(from)?;
+        let mut motors = Vec::new();
+        for motor in six.motors {
+            // Six fit.
+            let _ = motors.push(motor);
+        }
+        Ok(Sample {
+            cycle: six.cycle,
+            t_us: six.t_us,
+            flags: six.flags,
+            valid_mask: six.valid_mask,
+            motors,
+        })
+    }
+}
+
+/// A [`SampleBlock`] of six motors, as the wire has carried it from the start: without their number.
+pub(super) mod six_block {
+    use super::{JOINTS, MAX_BLOCK_DATA, SampleBlock, Vec};
+    use serde::de::Deserializer;
+    use serde::ser::Serializer;
+    use serde::{Deserialize, Serialize};
+
+    #[derive(Serialize)]
+    struct SixBlock<'a> {
+        run: u16,
+        first: u32,
+        count: u8,
+        dropped: u32,
+        data: &'a Vec<u8, MAX_BLOCK_DATA, u16>,
+    }
+
+    #[derive(Deserialize)]
+    struct OwnedSixBlock {
+        run: u16,
+        first: u32,
+        count: u8,
+        dropped: u32,
+        data: Vec<u8, MAX_BLOCK_DATA, u16>,
+    }
+
+    pub(in super::super) fn serialize<S: Serializer>(
+        block: &SampleBlock,
+        to: S,
+    ) -> Result<S::Ok, S::Error> {
+        SixBlock {
+            run: block.run,
+            first: block.first,
+            count: block.count,
+            dropped: block.dropped,
+            data: &block.data,
+        }
+        .serialize(to)
+    }
+
+    pub(in super::super) fn deserialize<'de, D: Deserializer<'de>>(
+        from: D,
+    ) -> Result<SampleBlock, D::Error> {
+        let six = OwnedSixBlock::deserialize(from)?;
+        Ok(SampleBlock {
+            run: six.run,
+            first: six.first,
+            count: six.count,
+            dropped: six.dropped,
+            motors: JOINTS as u8,
+            data: six.data,
+        })
     }
 }

@@ -99,7 +99,7 @@ pub fn sample(seed: i32) -> Sample {
         t_us: 1_000_000 + 50_000 * seed as u64,
         flags: 2,
         valid_mask: 0x3F,
-        ..Sample::default()
+        ..Sample::of(6)
     };
     for (k, motor) in (0..).zip(&mut sample.motors) {
         *motor = MotorSample {
@@ -179,7 +179,19 @@ pub fn to_module() -> std::vec::Vec<ToModule> {
             tag,
         },
         ToModule::GetDrivers,
+        ToModule::SetRobot {
+            robot: robot(2),
+            tag,
+        },
+        ToModule::GetRobot,
     ]
+}
+
+pub fn robot(joints: usize) -> WireRobot {
+    WireRobot {
+        contact: WireContact::Unchecked,
+        speeds_rad_s: (0..joints).map(|_| 2.0).collect(),
+    }
 }
 
 pub const WRONG_DRIVER: WrongDriver = WrongDriver {
@@ -233,10 +245,14 @@ pub fn from_module() -> std::vec::Vec<FromModule> {
         kind: EventKind::MotorLost { joint: 3 },
     };
     let mut log = SampleLog::<2>::new();
-    log.begin(9);
+    log.begin(9, 6);
     log.push(&sample(1));
     log.push(&sample(2));
     log.flush();
+    let mut two = SampleLog::<2>::new();
+    two.begin(9, 2);
+    two.push(&sample(1));
+    two.flush();
     vec![
         FromModule::Hello(hello()),
         FromModule::Info(info()),
@@ -310,6 +326,13 @@ pub fn from_module() -> std::vec::Vec<FromModule> {
             profile: Profile::Sts,
             wrong: Vec::from_slice(&[WRONG_DRIVER]).unwrap(),
         },
+        FromModule::SampleOf(Sample {
+            valid_mask: 0x81,
+            motors: sample(3).motors.into_iter().take(2).collect(),
+            ..sample(3)
+        }),
+        FromModule::SampleBlockOf(two.drain(0, true)),
+        FromModule::Robot(robot(3)),
     ]
 }
 
@@ -405,6 +428,19 @@ pub fn rejects() -> std::vec::Vec<Reject> {
         Reject::WrongDriver(WRONG_DRIVER),
         Reject::TooManyTags { wait_ms: 125 },
         Reject::Held { link: 1 },
+        Reject::Robot(RobotReject::JointCount { joints: 0 }),
+        Reject::Robot(RobotReject::WrongCount {
+            joints: 5,
+            expected: 6,
+        }),
+        Reject::Robot(RobotReject::Speed {
+            joint: 11,
+            value_rad_s: 0.0,
+        }),
+        Reject::ContactUnstated,
+        Reject::NotHomed {
+            missing_mask: 0xFFF,
+        },
     ]);
     rejects
 }
@@ -520,6 +556,11 @@ pub fn event_kinds() -> std::vec::Vec<EventKind> {
             profile: Profile::Scs,
         },
         EventKind::KeyReadable,
+        EventKind::RobotChanged {
+            joints: 12,
+            contact: WireContact::Unstated,
+        },
+        EventKind::Homed { mask: 0xFFF },
     ]);
     kinds
 }

@@ -97,10 +97,16 @@ impl ModuleHandler for Robot {
     fn set_drivers(&mut self, profile: protocol::bus::Profile) -> Result<Outcome, Reject> {
         self.order(format!("drivers {profile:?}"))
     }
+    fn set_robot(&mut self, robot: &WireRobot) -> Result<Outcome, Reject> {
+        self.order(format!("robot {}", robot.speeds_rad_s.len()))
+    }
+    fn robot(&mut self) -> Result<WireRobot, Reject> {
+        Ok(crate::common::robot(3))
+    }
     fn clear_fault(&mut self) -> Result<Outcome, Reject> {
         self.order("clear".into())
     }
-    fn zero(&mut self, joint_mask: u8) -> Result<Outcome, Reject> {
+    fn zero(&mut self, joint_mask: u16) -> Result<Outcome, Reject> {
         self.order(format!("zero {joint_mask}"))
     }
     fn subscribe(&mut self, rate: TelemetryRate) -> Result<(), Reject> {

@@ -77,6 +77,11 @@ const TO_MODULE: &[(&str, &str)] = &[
         "000201030201061d07b0180301010101010101010101010101010105369ffbc600",
     ),
     ("GetDrivers", "000201030201091d07b01942553b6e00"),
+    (
+        "SetRobot",
+        "000201030201071d07b01a0202010102400101024001010101010101010101010101010105a837528300",
+    ),
+    ("GetRobot", "000201030201071d07b01bb525028f00"),
 ];
 
 /// Whole frames of module 7, otherwise as above.
@@ -149,6 +154,18 @@ const FROM_MODULE: &[(&str, &str)] = &[
         "0005010702011e1d07b010058095f52a070707070707070707070707070707071103c86f00",
     ),
     ("Drivers", "0005010702010a1d07b0110401028906055571cd2a00"),
+    (
+        "SampleOf",
+        "000501070201411d07b01203b09846028101029003b2cf24fca402b2cf24dffa20ca0e28d804c80b320301bc05b2cf24d08603f2e930fff82bb81378a006c80b3203012fcfa24000",
+    ),
+    (
+        "SampleBlockOf",
+        "000501070201061d07b0130902010402440802b21222f2ff7f147301406eba439269f8ff41060105fe1f7201062070d0ffcb010104fc3f060111c0fe7fdc2202c0b8390f42a6e1ffc71201084012e1ff03350c0105fb49e47300",
+    ),
+    (
+        "Robot",
+        "000501070201071d07b01402030101024001010240010106400214df8100",
+    ),
 ];
 
 /// Payloads of `Nack`, request 0, with every reason.
@@ -234,6 +251,14 @@ const REJECTS: &[(&str, &str)] = &[
     ),
     ("TooManyTags { wait_ms: 125 }", "00237d"),
     ("Held { link: 1 }", "002401"),
+    ("Robot(JointCount { joints: 0 })", "00250000"),
+    ("Robot(WrongCount { joints: 5, expected: 6 })", "0025010506"),
+    (
+        "Robot(Speed { joint: 11, value_rad_s: 0.0 })",
+        "0025020b00000000",
+    ),
+    ("ContactUnstated", "0026"),
+    ("NotHomed { missing_mask: 4095 }", "0012ff1f"),
 ];
 
 /// Payloads of `Event`, number 0 at time 0, of every kind.
@@ -311,6 +336,11 @@ const EVENTS: &[(&str, &str)] = &[
     ),
     ("DriversChanged { profile: Scs }", "00001d05"),
     ("KeyReadable", "00001e"),
+    (
+        "RobotChanged { joints: 12, contact: Unstated }",
+        "00001f0c03",
+    ),
+    ("Homed { mask: 4095 }", "00000fff1f"),
 ];
 
 fn hex(bytes: &[u8]) -> String {

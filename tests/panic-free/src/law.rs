@@ -2,6 +2,7 @@
 
 use crate::{Hostile, sink};
 use control::gait::{self, Gait, Link, Oscillator, RawGait};
+use control::machine::{Angles, Contact, Machine, all_joints};
 use control::motion::{MotionParams, MotionSettings, Planner};
 use control::precheck::{self, Margins};
 use control::robot::{JointLimits, RobotModel, RobotParams};
@@ -113,6 +114,26 @@ fn oscillators(h: &mut Hostile, first: &Gait, second: &Gait) {
     sink(state.set_points());
 }
 
+/// One to twelve angles.
+fn angles(h: &mut Hostile) -> Option<Angles> {
+    let count = usize::from(h.byte());
+    Angles::new(h.floats::<12>().get(..count)?)
+}
+
+fn machine(h: &mut Hostile, model: RobotModel) -> Option<Machine> {
+    let contact = match h.byte() {
+        0 => Contact::MetaModule(model),
+        1 => Contact::Module,
+        2 => Contact::Unchecked,
+        _ => Contact::Unstated,
+    };
+    let limits = h.floats::<13>().map(|no_load_speed_rad_s| JointLimits {
+        no_load_speed_rad_s,
+    });
+    let count = usize::from(h.byte());
+    Machine::new(limits.get(..count)?, contact).ok()
+}
+
 fn plan(h: &mut Hostile, model: RobotModel, first: &Gait, second: &Gait) {
     let settings = MotionSettings {
         lookahead_cycles: h.byte(),
@@ -126,10 +147,15 @@ fn plan(h: &mut Hostile, model: RobotModel, first: &Gait, second: &Gait) {
         },
         approach_ratio: h.float(),
     };
-    let Ok(params) = MotionParams::new(model, settings) else {
+    let Some(machine) = machine(h, model) else {
         return;
     };
-    let Ok(mut planner) = Planner::begin(&params, first, &h.floats()) else {
+    sink((machine.all_joints(), all_joints(h.byte())));
+    let Ok(params) = MotionParams::new(machine, settings) else {
+        return;
+    };
+    let Some(pose) = angles(h) else { return };
+    let Ok(mut planner) = Planner::begin(&params, first, &pose) else {
         return;
     };
     for _ in 0..h.byte() {
@@ -140,7 +166,7 @@ fn plan(h: &mut Hostile, model: RobotModel, first: &Gait, second: &Gait) {
             3 => Motion::Ramp,
             _ => Motion::Hold,
         };
-        let measured = (h.byte() > 7).then(|| h.floats());
+        let measured = if h.byte() > 7 { angles(h) } else { None };
         sink(planner.cycle(&params, motion, measured.as_ref()));
         if h.byte() == 3 {
             sink(planner.retarget(&params, second).is_ok());
@@ -149,7 +175,7 @@ fn plan(h: &mut Hostile, model: RobotModel, first: &Gait, second: &Gait) {
     sink((
         planner.held_cycles(),
         planner.holds(),
-        planner.gait().check_speed(&model),
+        planner.gait().check_speed(params.machine().limits()),
     ));
 }
 
@@ -165,7 +191,7 @@ fn event(h: &mut Hostile) -> Event {
         2 => Event::Order(Order::Stop),
         3 => Event::Order(Order::ClearFault),
         4 => Event::Order(Order::Home {
-            joint_mask: h.byte(),
+            joint_mask: h.word() as u16,
         }),
         5 => Event::StopInput {
             pressed: h.byte() > 0,
@@ -187,6 +213,7 @@ fn event(h: &mut Hostile) -> Event {
 
 fn supervise(h: &mut Hostile) {
     let params = SupervisorParams {
+        joints: h.byte(),
         duration_max_us: h.time(),
         lease_us: (h.time(), h.time()),
         arm_max_us: h.time(),

@@ -2,6 +2,7 @@
 
 use crate::{Hostile, law, sink};
 use control::gait::Gait;
+use control::robot::RobotModel;
 use heapless::Vec;
 use protocol::link::event::Event;
 use protocol::link::frame::MAX_FRAME;
@@ -16,7 +17,8 @@ use protocol::link::status::{
 };
 use protocol::link::telemetry::{Sample, SampleBlock, SampleLog};
 use protocol::link::{
-    BusStatus, Client, Digest, Key, MAX_SLOTS, Nonce, TelemetryRate, ToModule, WireGait,
+    BusStatus, Client, Digest, FromModule, Key, MAX_SLOTS, Nonce, TelemetryRate, ToModule,
+    WireContact, WireGait, WireRobot,
 };
 
 /// A module that answers with whatever comes out of the port.
@@ -57,8 +59,8 @@ impl ModuleHandler for Module<'_> {
             slots: self.h.byte(),
             active_slot: Some(self.h.byte()),
             battery_mv: self.h.word() as u16,
-            homed_mask: self.h.byte(),
-            motor_mask: self.h.byte(),
+            homed_mask: self.h.word() as u16,
+            motor_mask: self.h.word() as u16,
             uptime_us: self.h.time(),
             cycles: self.h.word(),
             counters: Counters::default(),
@@ -117,7 +119,7 @@ impl ModuleHandler for Module<'_> {
     fn clear_fault(&mut self) -> Result<Outcome, Reject> {
         self.outcome()
     }
-    fn zero(&mut self, _joint_mask: u8) -> Result<Outcome, Reject> {
+    fn zero(&mut self, _joint_mask: u16) -> Result<Outcome, Reject> {
         self.outcome()
     }
     fn subscribe(&mut self, _rate: TelemetryRate) -> Result<(), Reject> {
@@ -140,6 +142,20 @@ impl ModuleHandler for Module<'_> {
     }
     fn set_key(&mut self, _key: &Key) -> Result<Outcome, Reject> {
         self.outcome()
+    }
+    fn set_robot(&mut self, robot: &WireRobot) -> Result<Outcome, Reject> {
+        let machine = robot.machine(&RobotModel::default());
+        let machine = machine.map_err(|error| Reject::Robot(error.into()))?;
+        sink(WireRobot::from(&machine));
+        self.outcome()
+    }
+    fn robot(&mut self) -> Result<WireRobot, Reject> {
+        let contact = WireContact::from_number(self.h.byte()).ok_or(Reject::Busy)?;
+        let speeds_rad_s = Vec::new();
+        Ok(WireRobot {
+            contact,
+            speeds_rad_s,
+        })
     }
     fn reset(&mut self) -> Result<Outcome, Reject> {
         self.outcome()
@@ -177,7 +193,7 @@ fn serve(h: &mut Hostile) {
         sink(server.push(byte, now_us, &mut module, &mut out));
         let sample = Sample {
             t_us: module.h.time(),
-            ..Sample::default()
+            ..Sample::of(module.h.byte())
         };
         module.log.push(&sample);
         if server.is_pending() && module.h.byte() > 7 {
@@ -186,7 +202,7 @@ fn serve(h: &mut Hostile) {
         match module.h.byte() {
             0 => server.restart(),
             3 => server.void_challenge(),
-            1 => module.log.begin(1),
+            1 => module.log.begin(1, module.h.byte()),
             2 => module.log.flush(),
             _ => sink((module.log.next_unsent().is_some(), module.log.dropped())),
         }
@@ -207,7 +223,8 @@ fn receive(h: &mut Hostile) {
         let Some(Ok(received)) = client.push(h.byte()) else {
             continue;
         };
-        if let protocol::link::FromModule::SampleBlock(block) = &received.message {
+        if let FromModule::SampleBlock(block) | FromModule::SampleBlockOf(block) = &received.message
+        {
             for sample in block.samples() {
                 sink(sample.is_ok());
             }

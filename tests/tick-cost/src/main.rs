@@ -6,6 +6,7 @@ mod board;
 
 use board::{Console, INSTRUCTIONS_PER_TICK, cost};
 use control::gait::{Gait, Link, Oscillator, RawGait, chain};
+use control::machine::Angles;
 use control::motion::{MotionParams, Planner};
 use control::precheck::{self, MARGIN_M, Margins};
 use control::robot::{JOINTS, RobotModel};
@@ -124,7 +125,7 @@ fn random(rng: &mut Rng, folded: bool) -> Gait {
         }
         let lags = [0.0; 5].map(|_: f32| rng.between(-180.0, 180.0));
         if let Some(gait) = gait(amplitudes, offsets, lags)
-            && gait.check_speed(&model).is_ok()
+            && gait.check_speed(model.joints()).is_ok()
         {
             return gait;
         }
@@ -226,9 +227,9 @@ struct Followed {
 /// A robot that lags and jitters follows the planner.
 fn follow(gait: &Gait, cycles: u32) -> Option<Followed> {
     let params = MotionParams::default();
-    let mut planner = Planner::begin(&params, gait, &[0.0; JOINTS]).ok()?;
+    let mut planner = Planner::begin(&params, gait, &[0.0; JOINTS].into()).ok()?;
     let mut rng = Rng(7);
-    let mut measured = [0.0f32; JOINTS];
+    let mut measured = Angles::from([0.0; JOINTS]);
     let mut motion = Motion::Approach;
     let [mut approach, mut free] = [Tally::default(), Tally::default()];
     for _ in 0..cycles {
@@ -243,7 +244,7 @@ fn follow(gait: &Gait, cycles: u32) -> Option<Followed> {
         if out.in_position {
             motion = Motion::Run;
         }
-        for (m, q) in measured.iter_mut().zip(out.set_point_rad) {
+        for (m, q) in measured.iter_mut().zip(out.set_point_rad.iter()) {
             *m += 0.3 * (q - *m) + rng.between(-0.01, 0.01);
         }
     }

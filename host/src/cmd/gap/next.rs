@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use control::gait::Gait;
+use control::machine::Machine;
 use control::robot::RobotModel;
 use gap::Diagnosis;
 use gap::verdict::{Verdict, Word};
@@ -57,8 +58,8 @@ pub(super) fn robot(d: &mut WholeDiagnosis, report: Option<PathBuf>) -> Outcome 
     let Some(report) = report else {
         return Ok(());
     };
-    let model = RobotModel::default();
-    let accepts = |gait: &Gait| gait_file::check(gait, &model).is_ok();
+    let machine = Machine::default();
+    let accepts = |gait: &Gait| gait_file::check(gait, &machine).is_ok();
     if let Some(e) = d.experiment(&shipped::menu()?, &accepts) {
         let v = d.verdict_mut();
         if let Some(next) = v.next_experiment.as_mut().filter(|_| e.look.is_none()) {
@@ -77,7 +78,7 @@ pub(super) fn robot(d: &mut WholeDiagnosis, report: Option<PathBuf>) -> Outcome 
     let (Some(joint), Some(name)) = (joint, name) else {
         return Ok(());
     };
-    let Some(item) = programme::motion(joint, name, &model) else {
+    let Some(item) = programme::motion(joint, name, &RobotModel::default()) else {
         return Ok(());
     };
     let item = item?;

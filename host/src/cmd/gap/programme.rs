@@ -4,6 +4,7 @@
 //! peak with a fast amplitude filter and hardly turns on. A slow sine stands for the triangle, three sines of rising frequency for the chirp.
 
 use control::gait::Gait;
+use control::machine::Machine;
 use control::robot::{JOINTS, RobotModel};
 
 use crate::failure::{Exit, Failure, Outcome};
@@ -76,10 +77,11 @@ fn single(joint: usize, motion: &Motion, amplitude_rad: f64) -> Outcome<Gait> {
 
 /// A motion of one joint, as large as the robot's check lets it be.
 fn alone(joint: usize, motion: &Motion, robot: &RobotModel) -> Outcome<Item> {
+    let machine = Machine::meta_module(*robot);
     let mut amplitude_rad = motion.2;
     let gait = loop {
         let gait = single(joint, motion, amplitude_rad)?;
-        if gait_file::check(&gait, robot).is_ok() {
+        if gait_file::check(&gait, &machine).is_ok() {
             break gait;
         }
         amplitude_rad *= 0.7;
@@ -137,9 +139,10 @@ pub(super) struct Wanted<'a> {
 /// # Errors
 /// A gait that the robot's own check refuses.
 pub(super) fn items(wanted: &Wanted<'_>, robot: &RobotModel) -> Outcome<Vec<Item>> {
+    let machine = Machine::meta_module(*robot);
     let mut items = Vec::new();
     for gait in wanted.gaits {
-        gait_file::check(gait, robot)
+        gait_file::check(gait, &machine)
             .map_err(|e| Failure::say(Exit::Refused, format!("{}: {e}", gait.name())))?;
         for repeat in 0..wanted.repeats {
             items.push(Item {
@@ -188,7 +191,7 @@ mod tests {
         assert_eq!(names.len(), items.len(), "names are file names");
         for item in &items {
             assert!(
-                gait_file::check(&item.gait, &robot).is_ok(),
+                gait_file::check(&item.gait, &Machine::meta_module(robot)).is_ok(),
                 "{}",
                 item.name
             );
