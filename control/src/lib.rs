@@ -3,9 +3,9 @@
 //! Firmware, emulator and simulator call the same functions with the same f32 arithmetic, so the same input gives the same bits
 //! on every host and on the Cortex-M4F: no fused multiply-add, no `f64`, own sine ([`math`]).
 //!
-//! Reading order: [`gait`] (what is uploaded) → [`cpg`] (set-points from a gait) → [`machine`] (which robot it is) → [`kinematics`] and [`geometry`] (where the
-//! bodies of a meta-module are) → [`precheck`] (may this move be made) → [`motion`] (what leaves for the motors this cycle) →
-//! [`supervisor`] (may anything move at all).
+//! Reading order: [`gait`] (what is uploaded) → [`cpg`] (set-points from a gait) → [`machine`] (which robot) → [`kinematics`] and
+//! [`geometry`] (where its bodies are) → [`precheck`] (may this move be made) → [`motion`] (what leaves for the motors) →
+//! [`supervisor`] (may anything move).
 //!
 //! Nothing here can panic: a `thumbv7em` image links with the panic handler's symbol undefined.
 #![no_std]

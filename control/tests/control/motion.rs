@@ -367,19 +367,20 @@ fn what_does_not_fit_is_refused() {
 #[test]
 fn a_set_point_that_a_joint_cannot_reach_in_a_cycle_does_not_leave() {
     let p = params(20);
-    let mut slow = *p.model().params();
+    let mut slow = *RobotModel::default().params();
     for joint in &mut slow.joints {
         joint.no_load_speed_rad_s *= 0.1;
     }
     let slow = RobotModel::new(slow).expect("slow joints are joints");
-    let slow = MotionParams::new(slow, MotionSettings::default()).expect("valid");
-    let mut planner = Planner::begin(&p, &crawl(), &[0.0; 6]).expect("clear");
+    let slow =
+        MotionParams::new(Machine::meta_module(slow), MotionSettings::default()).expect("valid");
+    let mut planner = Planner::begin(&p, &crawl(), &[0.0; 6].into()).expect("clear");
     approach(&mut planner, &p);
     let mut last = run(&mut planner, &p, 30).pop().expect("30 cycles");
     for _ in 0..100 {
         match planner.cycle(&slow, Motion::Run, None) {
             Ok(out) => {
-                for (k, joint) in slow.model().joints().iter().enumerate() {
+                for (k, joint) in slow.machine().limits().iter().enumerate() {
                     let change = (out.set_point_rad[k] - last.set_point_rad[k]).abs();
                     assert!(change <= joint.no_load_speed_rad_s * 0.05 + 1e-5);
                 }
@@ -387,7 +388,7 @@ fn a_set_point_that_a_joint_cannot_reach_in_a_cycle_does_not_leave() {
             }
             Err(bad) => {
                 let change = (bad.value_rad - bad.previous_rad).abs();
-                let joint = slow.model().joints()[usize::from(bad.joint)];
+                let joint = slow.machine().limits()[usize::from(bad.joint)];
                 assert!(change > joint.no_load_speed_rad_s * 0.05);
                 return;
             }

@@ -22,8 +22,8 @@ const MEASURED: [&str; 6] = [
     "temperature_c",
 ];
 
-/// From the instant of the measurement to the end of the packet with the new set-points, us: an answer of 30 bytes for each joint, and one
-/// packet of 14 bytes and 5 for each joint, at 10 us a byte (1 Mbaud), the same in every cycle.
+/// From the instant of the measurement to the end of the packet with the new set-points, us, the same in every cycle. Each joint answers with
+/// 30 bytes; the packet has 14 bytes and 5 for each joint. A byte takes 10 us (1 Mbaud).
 const fn exchange_us(joints: u64) -> u64 {
     (joints * 30 + 14 + joints * 5) * 10
 }

@@ -24,7 +24,7 @@ pub enum ExportError {
     NoSamples,
     /// The recording is of another robot than a meta-module.
     #[error(
-        "the recording is of a robot with {joints} joints, a data set of this form is of a meta-module with six; `rb-host rec export --csv` writes any robot"
+        "the recording is of a robot with {joints} joints, a data set of this form is of a meta-module with six; `rb-host rec convert --to csv` writes any robot"
     )]
     OtherRobot {
         /// Joints of the robot.

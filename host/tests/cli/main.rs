@@ -21,6 +21,7 @@ mod gap_runs;
 mod gap_withheld;
 mod gap_without;
 mod hybrid;
+mod joints;
 mod killed;
 mod matching;
 mod model;
