@@ -33,6 +33,17 @@ pub struct Options {
     pub verify: bool,
 }
 
+/// The robot that a gait is checked for: the one that answered, else a meta-module, so that a gait is refused without a robot too.
+///
+/// # Errors
+/// Exit code 5.
+pub fn machine_of(robot: &mut Outcome<Robot>) -> Outcome<Machine> {
+    match robot {
+        Ok(robot) => Ok(robot.machine()?),
+        Err(_) => Ok(Machine::default()),
+    }
+}
+
 /// The host check for the robot `machine` with its verdict as an exit code.
 ///
 /// # Errors

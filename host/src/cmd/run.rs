@@ -109,13 +109,15 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     }
     let second = args.then.as_deref();
     let second = second.map(gait_file::load).transpose()?;
-    let mut robot = context.connect_to(&context.port_to_move()?)?;
-    let machine = robot.machine()?;
+    let port = context.port_to_move();
+    let mut robot = port.and_then(|port| context.connect_to(&port));
+    let machine = upload::machine_of(&mut robot)?;
     for (gait, path) in [(&gait, &args.gait), (&second, &args.then)] {
         if let (Some(gait), Some(path)) = (gait, path) {
             host_check(args, context, gait, path, &machine)?;
         }
     }
+    let mut robot = robot?;
     let (slot, digest, gait) = place(args, &mut robot, gait)?;
     let mut order = order(args, context, slot, digest, gait)?;
     order.then = place_second(args, &mut robot, second, slot)?;

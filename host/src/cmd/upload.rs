@@ -59,10 +59,12 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         });
         return Ok(());
     }
-    let mut robot = context.connect()?;
+    let mut robot = context.connect();
     if !args.skip_host_check {
-        upload::host_check(context, &gait, &args.gait, &robot.machine()?)?;
+        let machine = upload::machine_of(&mut robot)?;
+        upload::host_check(context, &gait, &args.gait, &machine)?;
     }
+    let mut robot = robot?;
     let options = Options {
         slot: args.slot,
         activate: args.activate,

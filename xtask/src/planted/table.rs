@@ -142,7 +142,7 @@ pub(crate) const PLANTED: &[Planted] = &[
         kind: "dropped error",
         what: "a driver that complains is not asked why",
         file: "firmware/src/app/exchange.rs",
-        find: "self.ask_errors |= 1 << (joint & 7);",
+        find: "self.ask_errors |= 1 << (joint & 15);",
         put: "self.ask_errors |= 0;",
         test: ("hil-sim", "robot"),
     },
