@@ -3,6 +3,7 @@
 use crate::{setup, sh};
 use anyhow::{Result, bail};
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 type Step = (&'static str, fn() -> Result<()>);
 
@@ -19,19 +20,27 @@ const STEPS: &[Step] = &[
     ),
     ("web site of the pages", crate::site::run),
     ("QEMU plug-in", plugin),
-    ("tests", tests),
+    ("compilation of the tests", || tests(&["--no-run"])),
+    ("tests", || tests(&["--no-fail-fast"])),
 ];
 
-/// Set up, then run all steps; every failure is collected before the exit.
+/// Set up, then run all steps; every failure is collected before the exit, and how long each step took is said.
 pub(crate) fn run() -> Result<()> {
     setup::run()?.print();
     let mut failed = Vec::new();
+    let mut took = Vec::new();
     for (name, step) in STEPS {
         eprintln!("\n== {name}");
+        let start = Instant::now();
         if let Err(error) = step() {
             eprintln!("FAILED {name}: {error:#}");
             failed.push(*name);
         }
+        took.push((name, start.elapsed().as_secs()));
+    }
+    eprintln!("\nWall time:");
+    for (name, seconds) in took {
+        eprintln!("{:5} min {:02} s  {name}", seconds / 60, seconds % 60);
     }
     if !failed.is_empty() {
         bail!("failed: {}", failed.join(", "));
@@ -56,9 +65,10 @@ fn lints() -> Result<()> {
 
 /// All tests; with the search over MPI processes where this machine can build and start them. One build serves both: with its own
 /// features it would compile nearly every crate a second time.
-fn tests() -> Result<()> {
+fn tests(how: &[&str]) -> Result<()> {
     let answers = |program| sh::output(program, &["--version"]).is_ok();
-    let mut words = vec!["test", "--workspace", "--no-fail-fast"];
+    let mut words = vec!["test", "--workspace"];
+    words.extend(how);
     if answers("mpirun") && answers("mpicc") && libclang() {
         words.extend(["--features", "host/mpi"]);
     } else {
