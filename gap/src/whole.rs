@@ -340,6 +340,17 @@ pub fn calibrated(
     Ok(out)
 }
 
+/// Phases of a diagnosis of a robot, in order.
+pub const PHASES: [&str; 7] = [
+    "reading the signals",
+    "replaying the loads of the joints",
+    "searching each joint",
+    "searching body and joints together",
+    "comparing the films",
+    "playing the held-out runs",
+    "weighing what was found",
+];
+
 /// Diagnoses a whole robot.
 ///
 /// # Errors
@@ -351,6 +362,19 @@ pub fn diagnose(
     model: &Model,
     settings: &Settings,
 ) -> Result<Diagnosis, WholeError> {
+    diagnose_watched((manifest, recordings, films), model, settings, &|_| {})
+}
+
+/// The same; `begins` hears the number in [`PHASES`] of each phase as it begins.
+///
+/// # Errors
+/// As [`diagnose`].
+pub fn diagnose_watched(
+    (manifest, recordings, films): (&Manifest, &[Recording], &[Film]),
+    model: &Model,
+    settings: &Settings,
+    begins: &dyn Fn(usize),
+) -> Result<Diagnosis, WholeError> {
     let model = &manifest.stated(model);
     let params = Arc::new(Params::try_from(model)?);
     let task = Task {
@@ -360,18 +384,25 @@ pub fn diagnose(
         settings,
         params: Arc::clone(&params),
     };
+    begins(0);
     let mut seen = task.see(recordings)?;
+    begins(1);
     let mut loads = task.loads(&mut seen);
+    begins(2);
     let mut joints = task.joints(&seen, &loads);
+    begins(3);
     let twin = task.together(&mut seen, &joints, &mut loads);
     if joints.is_empty() && seen.body.is_none() {
         return Err(WholeError::Nothing);
     }
+    begins(4);
     let camera = camera::Tier::new(&seen.data, manifest, model, films, &seen.split.fit)
         .map(|tier| camera::diagnose(tier, manifest, model, &settings.withhold));
+    begins(5);
     let score = task.score(&seen, &joints, &loads, camera.is_some());
     last_word::refuted(&score, &mut joints, seen.body.is_some());
     let (fit_runs, score_runs) = (seen.split.fit, seen.split.score);
+    begins(6);
     // All that follows plays whole runs on the contacts that windows show.
     let held = seen.body.as_ref().map(|b| b.tier.grip().on(model));
     let nominal = model;

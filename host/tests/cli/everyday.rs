@@ -527,16 +527,21 @@ fn ctrl_c_in_the_diagnosis_of_a_robot_ends_it_and_writes_nothing() {
     let folder = Folder::new("robot-stopped");
     let case = ["make-case", "none", "--gaits", "2", "-o", "./case"];
     trials(&folder, &case).expect("a case");
-    let args = ["gap", "report", "case", "--json-file", "v.json"];
+    let args = ["-v", "gap", "report", "case", "--json-file", "v.json"];
     let mut child = command(&folder, &args)
         .stdout(Stdio::null())
+        .stderr(Stdio::piped())
         .spawn()
         .unwrap();
-    // Long enough to be at work, or before it: both end alike.
-    std::thread::sleep(std::time::Duration::from_millis(700));
+    let mut said = String::new();
+    let mut reader = BufReader::new(child.stderr.take().unwrap());
+    while !said.contains("searching each joint (3 of 7)") {
+        assert!(reader.read_line(&mut said).unwrap() > 0, "{said}");
+    }
     let id = child.id().to_string();
     Command::new("kill").args(["-INT", &id]).status().unwrap();
-    let ended = child.wait().unwrap().code();
-    assert!(ended.is_none_or(|code| code == 130), "{ended:?}");
+    reader.read_to_string(&mut said).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
+    assert!(said.contains("stopped; nothing was written"), "{said}");
     assert!(!folder.path("v.json").exists());
 }

@@ -222,7 +222,12 @@ fn run_whole(
     let diagnosed = {
         // The search of a whole robot has no point yet at which it can be left with a verdict.
         let _end = interrupt::at_once("stopped; nothing was written");
-        super::whole::run(data, input, &settings)
+        super::whole::run(data, input, &settings, &|number| {
+            let all = gap::whole::PHASES;
+            let text = format!("{} ({} of {})", all[number], number + 1, all.len());
+            context.out.detail(&text);
+            phase.set_message(text);
+        })
     };
     phase.finish_and_clear();
     let mut d = diagnosed?;

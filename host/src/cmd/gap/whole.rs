@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use files::model::Model;
-use gap::whole::{Diagnosis, Film, Settings, diagnose};
+use gap::whole::{Diagnosis, Film, Settings, diagnose_watched};
 
 use super::input::Input;
 use crate::data_folder::DataFolder;
@@ -50,12 +50,22 @@ fn films(data: &Path, input: &Input) -> Outcome<Vec<Film>> {
     Ok(out)
 }
 
-/// Diagnoses a data set and adds where the figures come from.
-pub(super) fn run(data: &Path, input: &Input, settings: &Settings) -> Outcome<Diagnosis> {
+/// Diagnoses a data set and adds where the figures come from; `begins` hears the number of each phase.
+pub(super) fn run(
+    data: &Path,
+    input: &Input,
+    settings: &Settings,
+    begins: &dyn Fn(usize),
+) -> Outcome<Diagnosis> {
     let start = Instant::now();
     let model = model(data, input)?;
     let films = films(data, input)?;
-    let mut d = diagnose(&input.manifest, &input.recordings, &films, &model, settings)
+    let recorded = (
+        &input.manifest,
+        input.recordings.as_slice(),
+        films.as_slice(),
+    );
+    let mut d = diagnose_watched(recorded, &model, settings, begins)
         .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?;
     let provenance = &mut d.verdict_mut().provenance;
     provenance.data_sha256.clone_from(&input.sha256);
@@ -77,7 +87,7 @@ pub(super) fn predict(
             Model::parse(&path.display().to_string(), &text)
                 .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?
         }
-        None => run(data, input, &Settings::default())?.patch(),
+        None => run(data, input, &Settings::default(), &|_| {})?.patch(),
     };
     gap::whole::predict(&input.manifest, &input.recordings, &model)
         .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))
