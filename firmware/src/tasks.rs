@@ -9,6 +9,7 @@
 //!
 //! All run on one thread and share [`App`] without holding it across an await.
 
+use crate::app::types::{BUS_BUFFER, BUS_BYTE_US, LINKS};
 use crate::app::{App, BoardInputs, BootFacts, Step, Work};
 use crate::crash::CrashRecord;
 use crate::ports::{Board, BusPort, Clock, LinkKind, LinkPort, LinkRx, LinkTx, SlotStore};
@@ -18,18 +19,11 @@ use embassy_futures::select::{Either, select};
 use embassy_futures::yield_now;
 use protocol::link::MAX_FRAME;
 
-/// Host links of a module: a cable and a radio, in any order.
-pub const LINKS: usize = 2;
-/// Time of one byte on the motor bus in us: 10 bits at 1 Mbaud.
-pub const BUS_BYTE_US: u64 = 10;
 /// Bytes taken from a link at once: bounds what one poll decodes (64 bytes at 115200 baud take 5.6 ms to arrive).
 const RX_CHUNK: usize = 64;
 /// Turns of one exchange: a turn that is not the last brings a byte or an error, and a byte takes 10 us. The longest wait is 36 ms: a slice
 /// of a raw packet's listening, 30 ms, and the longest packet both ways, 6 ms.
 const MAX_TURNS: u32 = 4_000;
-/// Largest bus packet either way: sync read reply of one driver, sync write of six, or a raw packet of the host.
-pub(crate) const BUS_BUFFER: usize = 320;
-
 /// Wake-ups between the tasks.
 struct Wake {
     send: [Notify; LINKS],

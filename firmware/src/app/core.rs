@@ -1,11 +1,11 @@
 //! State of the application and the few functions every part of it uses.
 
-use super::cycle::Outgoing;
 use super::dry_run::DryRun;
 use super::events::EventLog;
 use super::motors::Motors;
 use super::run::Run;
 use super::timing::Timing;
+use super::types::{BoardInputs, LINKS, Outgoing};
 use crate::ports::ResetCause;
 use crate::slots::{GAIT_SLOTS, Slots};
 use control::machine::{Contact, Machine};
@@ -36,15 +36,6 @@ pub const BLOCKS: usize = 72;
 pub const HEARTBEATS: u8 = 5;
 /// Silence of the host in a run that is worth an event, us.
 pub const LINK_SILENT_US: u64 = 2_000_000;
-
-/// What the board reads at the begin of a cycle.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct BoardInputs {
-    /// Battery, mV; `None` = not measured.
-    pub battery_mv: Option<u16>,
-    /// STOP input.
-    pub stop_pressed: bool,
-}
 
 /// A stored gait, kept in RAM so that no order has to touch the flash while the robot moves.
 #[derive(Debug, Clone)]
@@ -207,7 +198,7 @@ pub struct Core {
     pub(crate) run_link: usize,
     pub(crate) run_end: Option<RunEnd>,
     pub(crate) runs: u16,
-    pub(crate) sessions: [Session; crate::tasks::LINKS],
+    pub(crate) sessions: [Session; LINKS],
     pub(crate) slots: Slots,
     pub(crate) gaits: [Option<Stored>; GAIT_SLOTS],
     pub(crate) settings: Settings,
@@ -256,7 +247,7 @@ impl Core {
             run_link: 0,
             run_end: None,
             runs: 0,
-            sessions: [const { Session::new() }; crate::tasks::LINKS],
+            sessions: [const { Session::new() }; LINKS],
             slots: Slots::new(),
             gaits: [const { None }; GAIT_SLOTS],
             settings: Settings {

@@ -1,35 +1,15 @@
 //! The decision of a cycle: what the readings mean, what the supervisor says, what may leave for the motors.
 
-use super::core::{BoardInputs, Core, HEARTBEATS, LINK_SILENT_US, LOW_READINGS, STOP_MV};
+use super::core::{Core, HEARTBEATS, LINK_SILENT_US, LOW_READINGS, STOP_MV};
 use super::motors::{Finding, Motor};
-use super::packets::{FIRST_ID, Values, collect};
+use super::packets::{FIRST_ID, collect, ids_of, sync_write};
 use super::timing::{STOP_AFTER, Slot};
+use super::types::{BoardInputs, Values};
 use control::motion::{CycleOutput, Planner};
 use control::supervisor::{Event as SupervisorEvent, Fault, Motion, State};
-use protocol::bus::PackedFeedback;
+use protocol::bus::{PackedFeedback, Request};
 use protocol::link::telemetry::flags;
 use protocol::link::{EventKind, MotorSample, RunEnd, Sample, TelemetryRate};
-
-/// What a cycle sends and what it has to tell.
-#[derive(Debug, Default)]
-pub(crate) struct Outgoing {
-    /// Set-points, driver's frame.
-    pub goals: Values,
-    /// Flags of the samples until the next decision.
-    pub flags: u8,
-    /// The STOP input was pressed when last read.
-    pub stop_input: bool,
-}
-
-impl Outgoing {
-    pub(crate) const fn new() -> Self {
-        Self {
-            goals: Values::new(),
-            flags: 0,
-            stop_input: false,
-        }
-    }
-}
 
 impl Core {
     /// Takes what the board reads. `due_us` is the instant on the grid: times of runs count on it.
@@ -244,6 +224,18 @@ impl Core {
     pub(crate) fn wants_torque_on(&self) -> bool {
         self.command().motion == Motion::Approach
             && self.run.as_ref().is_some_and(|run| run.planner.is_none())
+    }
+
+    /// Torque for the drivers that lack it and whose watchdog is certain, once the run asks for it.
+    pub(crate) fn torque_on(&self) -> Option<Request> {
+        if !self.wants_torque_on() {
+            return None;
+        }
+        let info = self.motors.info();
+        let off = self
+            .motors
+            .mask(|motor| motor.torque() == Some(false) && !motor.needs_settings());
+        sync_write(info, &info.torque, &collect(ids_of(off).map(|id| (id, 1))))
     }
 
     /// Set-points that ask for no motion: where each joint stands, for drivers whose torque is still off.

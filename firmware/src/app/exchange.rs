@@ -14,13 +14,11 @@
 
 use super::core::Core;
 use super::motors::Motor;
-use super::packets::{
-    FIRST_ID, collect, id_of, ids_of, set_points, sync_write, take_first, torque_on,
-};
+use super::packets::{FIRST_ID, collect, id_of, ids_of, set_points, sync_write, take_first};
 use super::setup::Setup;
 use super::timing::Slot;
+use super::types::{BUS_BUFFER, BUS_BYTE_US};
 use crate::ports::PortError;
-use crate::tasks::BUS_BUFFER;
 use control::machine::MAX_JOINTS;
 use control::supervisor::Fault;
 use heapless::Vec;
@@ -212,7 +210,7 @@ impl Master {
                 };
                 (set_points(info, &goals), Phase::TorqueOn)
             }
-            Phase::TorqueOn => (torque_on(core), Phase::SetPoints),
+            Phase::TorqueOn => (core.torque_on(), Phase::SetPoints),
             Phase::SetPoints => (set_points(info, &core.goals()), Phase::Raw),
             Phase::Raw | Phase::Done => (None, self.phase),
         };
@@ -376,8 +374,7 @@ impl Master {
             *place = *byte;
         }
         self.request_len = len as u64;
-        self.latched_us =
-            now_us.saturating_add(self.request_len.saturating_mul(crate::tasks::BUS_BYTE_US));
+        self.latched_us = now_us.saturating_add(self.request_len.saturating_mul(BUS_BYTE_US));
         let skips = request.ids().len() as u64 * SKIP_NS.div_ceil(1000);
         let gap_us = if request.is_answered() {
             ANSWER_SLACK_US.saturating_add(skips)

@@ -2,6 +2,7 @@
 //!
 //! [`App`] is what the tasks drive. Its parts:
 //!
+//! * [`types`]: what several parts share. [`core`]: the state. No part imports one that imports it; a test holds them to it.
 //! * [`timing`]: the 50 ms grid and overruns. [`exchange`], [`packets`]: the packets of a cycle. [`motors`]: what is believed of a reading.
 //! * [`cycle`]: supervisor, planner and set-points. [`run`]: one run; its record is a `protocol::link::telemetry::SampleLog`.
 //! * [`session`]: what a host may ask. [`outbox`], [`events`]: what goes back. [`storage`], [`dry_run`]: upload and boot.
@@ -19,8 +20,8 @@ pub mod session;
 pub mod setup;
 pub mod storage;
 pub mod timing;
+pub mod types;
 
-pub use self::core::BoardInputs;
 use self::core::Core;
 use self::exchange::Master;
 pub use self::exchange::Step;
@@ -28,8 +29,9 @@ use self::outbox::Outbox;
 use self::session::Visitor;
 pub use self::storage::BootFacts;
 use self::timing::Slot;
+pub use self::types::BoardInputs;
+use self::types::{BUS_BUFFER, LINKS};
 use crate::ports::{LinkKind, PortError, SlotStore};
-use crate::tasks::{BUS_BUFFER, LINKS};
 use control::motion::MotionParams;
 use control::supervisor::Supervisor;
 use protocol::link::{EventKind, FromModule, LinkCounters, MAX_FRAME, Port, PortFault, Server};

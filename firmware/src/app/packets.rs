@@ -1,8 +1,7 @@
 //! What the bus master's packets are made of: addresses, lists of drivers, values.
 
-use super::core::Core;
+use super::types::Values;
 use control::machine::MAX_JOINTS;
-use heapless::Vec;
 use protocol::bus::{Field, ProfileInfo, Request};
 
 /// Bus address of joint 0; joint k has this plus k.
@@ -21,26 +20,11 @@ pub(super) fn take_first(mask: &mut u16) -> Option<usize> {
     Some(joint)
 }
 
-/// Torque for the drivers that lack it and whose watchdog is certain, once the run asks for it.
-pub(super) fn torque_on(core: &Core) -> Option<Request> {
-    if !core.wants_torque_on() {
-        return None;
-    }
-    let info = core.motors.info();
-    let off = core
-        .motors
-        .mask(|motor| motor.torque() == Some(false) && !motor.needs_settings());
-    sync_write(info, &info.torque, &collect(ids_of(off).map(|id| (id, 1))))
-}
-
 pub(super) fn ids_of(mask: u16) -> impl Iterator<Item = u8> {
     (0..MAX_JOINTS)
         .filter(move |joint| mask >> joint & 1 != 0)
         .map(id_of)
 }
-
-/// Values for [`Request::sync_write`].
-pub(crate) type Values = Vec<(u8, i32), MAX_JOINTS>;
 
 pub(crate) fn collect(values: impl Iterator<Item = (u8, i32)>) -> Values {
     let mut list = Values::new();
