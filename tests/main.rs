@@ -3,5 +3,6 @@
 
 mod foreign_clients;
 mod keys;
+mod layers;
 mod readable;
 mod tidy;
