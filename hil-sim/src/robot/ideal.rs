@@ -353,6 +353,17 @@ impl IdealMotors {
         self.stall_ns = stall_us * 1000;
     }
 
+    /// How much longer the packet that was just sent keeps the module's task, ns.
+    pub(crate) fn take_stall(&mut self) -> u64 {
+        std::mem::take(&mut self.stall_ns)
+    }
+
+    /// A packet of the master on the wire. Returns the end of its last stop bit, ns.
+    pub(crate) fn put(&mut self, now_ns: u64, bytes: &[u8]) -> u64 {
+        self.run_to(now_ns);
+        self.bus.send(now_ns, Talker::Master, bytes)
+    }
+
     /// Gives a driver a trouble, or takes it away.
     pub fn trouble(&mut self, joint: usize, trouble: Trouble) {
         self.drivers[joint].1.trouble = trouble;
@@ -556,8 +567,7 @@ impl IdealMotors {
 
 impl MotorBus for IdealMotors {
     fn transmit(&mut self, now_ns: u64, bytes: &[u8]) -> u64 {
-        self.run_to(now_ns);
-        self.bus.send(now_ns, Talker::Master, bytes) + std::mem::take(&mut self.stall_ns)
+        self.put(now_ns, bytes) + self.take_stall()
     }
 
     fn receive(&mut self, now_ns: u64, into: &mut VecDeque<Received>) {

@@ -89,7 +89,7 @@ impl Watched {
     fn release(&mut self, now_ns: u64) {
         while let Some(at) = (0..self.held.len()).find(|at| self.held[*at].0 <= now_ns) {
             let (at_ns, bytes) = self.held.remove(at).unwrap_or_default();
-            self.motors.transmit(at_ns, &bytes);
+            self.motors.put(at_ns, &bytes);
         }
     }
 
@@ -146,9 +146,9 @@ impl MotorBus for Watched {
             self.held.push_back((now_ns + OVERTAKEN_NS, bytes.to_vec()));
             return end_ns;
         }
-        let end_ns = self.motors.transmit(now_ns, bytes);
+        let end_ns = self.motors.put(now_ns, bytes);
         if self.rng.chance(duplicate) {
-            self.motors.transmit(end_ns, bytes);
+            self.motors.put(end_ns, bytes);
         }
         for (at_ns, _) in &mut self.held {
             // Overtaken: it may go as soon as this one has passed.
@@ -156,7 +156,8 @@ impl MotorBus for Watched {
                 *at_ns = (*at_ns).min(end_ns);
             }
         }
-        end_ns
+        // The task stands still, the wire does not.
+        end_ns + self.motors.take_stall()
     }
 
     fn receive(&mut self, now_ns: u64, into: &mut VecDeque<Received>) {
