@@ -15,9 +15,10 @@
 use super::core::Core;
 use super::motors::Motor;
 use super::packets::{FIRST_ID, collect, id_of, ids_of, set_points, sync_write, take_first};
+use super::raw::Raw;
 use super::setup::Setup;
 use super::timing::Slot;
-use super::types::{BUS_BUFFER, BUS_BYTE_US};
+use super::types::{BUS_BUFFER, BUS_BYTE_US, Step};
 use crate::ports::PortError;
 use control::machine::MAX_JOINTS;
 use control::supervisor::Fault;
@@ -25,35 +26,16 @@ use heapless::Vec;
 use protocol::bus::profile::WATCHDOG_COUNTS;
 use protocol::bus::server::SKIP_NS;
 use protocol::bus::{Exchange, ProfileInfo, Request};
-use protocol::link::{BusAnswer, BusStatus, Completed, EventKind, Reject};
+use protocol::link::{Completed, EventKind, Reject};
 
 /// Tries of the cyclic read: one wrong byte in 10^4 loses both of two tries once in 10^5 cycles, all three never in a day.
 const TRIES: u8 = 3;
 /// Wait beyond byte times and skipped drivers, us: the return delay of a driver fresh from the shop (500 us).
 const ANSWER_SLACK_US: u64 = 500;
-/// Longest part of a raw listening that one cycle spends, us.
-const LISTEN_SLICE_US: u64 = 30_000;
 /// Packets of one cycle for drivers that come into use: 12 of at most 1.7 ms leave more than half of the cycle.
 const SETUP_PACKETS: u8 = 12;
 /// Times that torque-off is repeated to drivers that cannot confirm it.
 pub(crate) const OFF_REPEATS: u8 = 3;
-
-/// What the cycle task does next on the bus.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Step {
-    /// Send the first `len` bytes of the buffer (none: only listen), then listen for `reply_bytes` byte times plus `gap_us`.
-    Exchange {
-        /// Bytes to send.
-        len: usize,
-        /// Bytes that may come back.
-        reply_bytes: usize,
-        /// Waiting time beyond the byte times, us.
-        gap_us: u64,
-    },
-    /// The bus is done for this instant.
-    #[default]
-    Done,
-}
 
 /// Where in the cycle the bus is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -99,8 +81,7 @@ pub struct Master {
     off_repeats: u8,
     garbage_cycles: u8,
     heard_anything: bool,
-    listened_us: u64,
-    raw_sent: bool,
+    raw: Raw,
 }
 
 /// One register of one joint's driver that is read for itself.
@@ -129,8 +110,7 @@ impl Master {
             off_repeats: OFF_REPEATS,
             garbage_cycles: 0,
             heard_anything: false,
-            listened_us: 0,
-            raw_sent: false,
+            raw: Raw::new(),
         }
     }
 
@@ -138,7 +118,7 @@ impl Master {
     pub(crate) fn begin(&mut self, slot: Slot, core: &Core) {
         self.slot = slot;
         self.heard_anything = false;
-        let listening = self.raw_sent && core.bus_job.is_some();
+        let listening = self.raw.is_sent() && core.bus_job.is_some();
         self.phase = if listening {
             Phase::Raw
         } else {
@@ -156,7 +136,8 @@ impl Master {
                 return self.send(request, tx, now_us);
             }
             if self.phase == Phase::Raw {
-                return self.raw(core, tx);
+                self.phase = Phase::Done;
+                return self.raw.next(core, tx);
             }
         }
         Step::Done
@@ -390,58 +371,15 @@ impl Master {
         }
     }
 
-    /// A host's packet: sent once, then listened for in slices that leave the watchdog its due.
-    fn raw(&mut self, core: &mut Core, tx: &mut [u8; BUS_BUFFER]) -> Step {
-        self.phase = Phase::Done;
-        let Some(job) = core.bus_job.as_mut() else {
-            return Step::Done;
-        };
-        let mut len = 0;
-        if !self.raw_sent {
-            self.raw_sent = true;
-            self.listened_us = 0;
-            len = job.packet.len();
-            for (place, byte) in tx.iter_mut().zip(&job.packet) {
-                *place = *byte;
-            }
-        }
-        let left_us = (u64::from(job.listen_ms) * 1000).saturating_sub(self.listened_us);
-        let gap_us = left_us.min(LISTEN_SLICE_US);
-        self.listened_us = self.listened_us.saturating_add(gap_us);
-        Step::Exchange {
-            len,
-            reply_bytes: 0,
-            gap_us,
-        }
-    }
-
     /// The answer of a raw packet, when its listening time is over.
     pub(crate) fn take_raw(
         &mut self,
         core: &mut Core,
     ) -> Option<(usize, Result<Completed, Reject>)> {
-        let over = core
-            .bus_job
-            .as_ref()
-            .is_some_and(|job| self.listened_us >= u64::from(job.listen_ms) * 1000);
-        if !self.raw_sent || self.phase != Phase::Done || !over {
+        if self.phase != Phase::Done {
             return None;
         }
-        self.raw_sent = false;
-        let job = core.bus_job.take()?;
-        // The own echo, whole, is not an answer.
-        let heard = job
-            .heard
-            .strip_prefix(job.packet.as_slice())
-            .unwrap_or(&job.heard);
-        let status = match (heard.is_empty(), job.overflow) {
-            (_, true) => BusStatus::Overflow,
-            (true, false) => BusStatus::Silent,
-            (false, false) => BusStatus::Heard,
-        };
-        // Shorter than the buffer it came from.
-        let bytes = Vec::from_slice(heard).unwrap_or_default();
-        Some((job.link, Ok(Completed::Bus(BusAnswer { status, bytes }))))
+        self.raw.take(core)
     }
 
     /// The packet is on its way.
@@ -560,7 +498,7 @@ impl Master {
     pub(crate) fn end(&mut self, core: &mut Core) {
         self.close(core);
         let nobody = core.motors.mask(Motor::answered) == 0;
-        if self.slot == Slot::Control && nobody && self.heard_anything && !self.raw_sent {
+        if self.slot == Slot::Control && nobody && self.heard_anything && !self.raw.is_sent() {
             self.garbage_cycles = self.garbage_cycles.saturating_add(1);
             if self.garbage_cycles >= GARBAGE_CYCLES {
                 core.fault_in_motion(Fault::BusLost);

@@ -3,7 +3,7 @@
 //! [`App`] is what the tasks drive. Its parts:
 //!
 //! * [`types`]: what several parts share. [`core`]: the state. No part imports one that imports it; a test holds them to it.
-//! * [`timing`]: the 50 ms grid and overruns. [`exchange`], [`packets`]: the packets of a cycle. [`motors`]: what is believed of a reading.
+//! * [`timing`]: the 50 ms grid and overruns. [`exchange`], [`packets`]: the packets of a cycle. `raw`: a host's packet for the bus. [`motors`]: what is believed of a reading.
 //! * [`cycle`]: supervisor, planner and set-points. [`run`]: one run; its record is a `protocol::link::telemetry::SampleLog`.
 //! * [`session`]: what a host may ask. [`outbox`], [`events`]: what goes back. [`storage`], [`dry_run`]: upload and boot.
 
@@ -15,6 +15,7 @@ pub mod exchange;
 pub mod motors;
 pub mod outbox;
 pub mod packets;
+mod raw;
 pub mod run;
 pub mod session;
 pub mod setup;
@@ -24,13 +25,12 @@ pub mod types;
 
 use self::core::Core;
 use self::exchange::Master;
-pub use self::exchange::Step;
 use self::outbox::Outbox;
 use self::session::Visitor;
 pub use self::storage::BootFacts;
 use self::timing::Slot;
-pub use self::types::BoardInputs;
 use self::types::{BUS_BUFFER, LINKS};
+pub use self::types::{BoardInputs, Step};
 use crate::ports::{LinkKind, PortError, SlotStore};
 use control::motion::MotionParams;
 use control::supervisor::Supervisor;

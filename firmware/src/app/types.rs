@@ -42,3 +42,20 @@ impl Outgoing {
         }
     }
 }
+
+/// What the cycle task does next on the bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Step {
+    /// Send the first `len` bytes of the buffer (none: only listen), then listen for `reply_bytes` byte times plus `gap_us`.
+    Exchange {
+        /// Bytes to send.
+        len: usize,
+        /// Bytes that may come back.
+        reply_bytes: usize,
+        /// Waiting time beyond the byte times, us.
+        gap_us: u64,
+    },
+    /// The bus is done for this instant.
+    #[default]
+    Done,
+}
