@@ -2,12 +2,12 @@
 
 use super::core::{Core, HEARTBEATS, LINK_SILENT_US, LOW_READINGS, STOP_MV};
 use super::motors::{Finding, Motor};
-use super::packets::{FIRST_ID, collect, ids_of, sync_write};
+use super::packets::{FIRST_ID, collect};
 use super::timing::{STOP_AFTER, Slot};
 use super::types::{BoardInputs, Values};
 use control::motion::{CycleOutput, Planner};
 use control::supervisor::{Event as SupervisorEvent, Fault, Motion, State};
-use protocol::bus::{PackedFeedback, Request};
+use protocol::bus::PackedFeedback;
 use protocol::link::telemetry::flags;
 use protocol::link::{EventKind, MotorSample, RunEnd, Sample, TelemetryRate};
 
@@ -226,16 +226,24 @@ impl Core {
             && self.run.as_ref().is_some_and(|run| run.planner.is_none())
     }
 
-    /// Torque for the drivers that lack it and whose watchdog is certain, once the run asks for it.
-    pub(crate) fn torque_on(&self) -> Option<Request> {
+    /// Drivers that get torque now, once the run asks for it: they answered in this cycle, lack it, and their watchdog is certain.
+    pub(crate) fn to_switch_on(&self) -> u16 {
         if !self.wants_torque_on() {
-            return None;
+            return 0;
         }
-        let info = self.motors.info();
-        let off = self
-            .motors
-            .mask(|motor| motor.torque() == Some(false) && !motor.needs_settings());
-        sync_write(info, &info.torque, &collect(ids_of(off).map(|id| (id, 1))))
+        let off = |motor: &Motor| motor.answered() && motor.torque() == Some(false);
+        self.motors
+            .mask(|motor| off(motor) && !motor.needs_settings())
+    }
+
+    /// Drivers that may have torque and should not, while the others keep theirs: one that restarted after its last reading got torque without a
+    /// watchdog, and in another frame.
+    pub(crate) fn to_let_go(&self) -> u16 {
+        if self.command().torque {
+            self.motors.mask(Motor::has_restarted)
+        } else {
+            0
+        }
     }
 
     /// Set-points that ask for no motion: where each joint stands, for drivers whose torque is still off.

@@ -2,19 +2,21 @@
 //!
 //! ```text
 //! control cycle   read all ─▶ read again who is missing (2 x) ─▶ error register of who complains ─▶ decide ─▶
-//!                 torque off, drivers that come into use ─▶ watchdogs of new drivers, set and read back ─▶ torque on ─▶
-//!                 set-points ─▶
+//!                 torque off, drivers that come into use ─▶ watchdogs of new drivers, set and read back ─▶
+//!                 torque on, and read who got it ─▶ set-points ─▶ torque off for who has restarted ─▶
 //!                 a host's raw packet (not in motion)
 //! reading         read all
 //! ```
 //!
-//! Every phase is entered a bounded number of times per cycle, so the number of packets is bounded: at most 10, and two more
+//! Every phase is entered a bounded number of times per cycle, so the number of packets is bounded: at most 13, and two more
 //! for each driver that complains or is new. With all six drivers silent the three tries take 18.3 ms of the 50, with twelve 34.7 ms. Servos that
 //! come into use (not ours, not in motion) take [`SETUP_PACKETS`] more; a series without Sync Read is read one by one.
 
 use super::core::Core;
 use super::motors::Motor;
-use super::packets::{FIRST_ID, collect, id_of, ids_of, set_points, sync_write, take_first};
+use super::packets::{
+    FIRST_ID, collect, id_of, ids_of, set_points, sync_write, take_first, torque,
+};
 use super::raw::Raw;
 use super::setup::Setup;
 use super::timing::Slot;
@@ -34,6 +36,8 @@ const TRIES: u8 = 3;
 const ANSWER_SLACK_US: u64 = 500;
 /// Packets of one cycle for drivers that come into use: 12 of at most 1.7 ms leave more than half of the cycle.
 const SETUP_PACKETS: u8 = 12;
+/// Tries of the reading after torque-on: one more than on a good wire. Who answers neither is read in the next cycle.
+const CONFIRMS: u8 = 2;
 /// Times that torque-off is repeated to drivers that cannot confirm it.
 pub(crate) const OFF_REPEATS: u8 = 3;
 
@@ -56,7 +60,11 @@ enum Phase {
     WatchdogRead,
     GoalHere,
     TorqueOn,
+    Confirm {
+        tries: u8,
+    },
     SetPoints,
+    LetGo,
     Raw,
     Done,
 }
@@ -78,6 +86,9 @@ pub struct Master {
     /// Joint whose turn it is to come into use.
     setup_turn: usize,
     configure: u16,
+    /// Drivers that were sent torque in this cycle, and those of them that are still to be read.
+    switched: u16,
+    unread: u16,
     off_repeats: u8,
     garbage_cycles: u8,
     heard_anything: bool,
@@ -107,6 +118,8 @@ impl Master {
             setting_up: None,
             setup_turn: 0,
             configure: 0,
+            switched: 0,
+            unread: 0,
             off_repeats: OFF_REPEATS,
             garbage_cycles: 0,
             heard_anything: false,
@@ -191,8 +204,14 @@ impl Master {
                 };
                 (set_points(info, &goals), Phase::TorqueOn)
             }
-            Phase::TorqueOn => (core.torque_on(), Phase::SetPoints),
-            Phase::SetPoints => (set_points(info, &core.goals()), Phase::Raw),
+            Phase::TorqueOn => {
+                self.switched = core.to_switch_on();
+                self.unread = 0;
+                (torque(info, self.switched, 1), Phase::Confirm { tries: 0 })
+            }
+            Phase::Confirm { tries } => return self.confirm(core, tries),
+            Phase::SetPoints => (set_points(info, &core.goals()), Phase::LetGo),
+            Phase::LetGo => (torque(info, core.to_let_go(), 0), Phase::Raw),
             Phase::Raw | Phase::Done => (None, self.phase),
         };
         self.phase = next;
@@ -285,6 +304,29 @@ impl Master {
         info.read_field(id_of(joint), field).ok()
     }
 
+    /// Reads who was just sent torque: a driver may have restarted since the readings of this cycle. Who says that he has torque is not asked again.
+    fn confirm(&mut self, core: &Core, tries: u8) -> Option<Request> {
+        let info = core.motors.info();
+        let mut tries = tries;
+        if self.unread == 0 && tries < CONFIRMS {
+            tries = tries.saturating_add(1);
+            let silent = core.motors.mask(|motor| motor.torque() != Some(true));
+            self.unread = self.switched & silent;
+        }
+        let asked = if info.sync_read {
+            core::mem::take(&mut self.unread)
+        } else {
+            take_first(&mut self.unread).map_or(0, |joint| 1 << joint)
+        };
+        let ids: Vec<u8, MAX_JOINTS> = ids_of(asked).collect();
+        if ids.is_empty() {
+            self.phase = Phase::SetPoints;
+            return None;
+        }
+        self.phase = Phase::Confirm { tries };
+        info.read_feedback(&ids).ok()
+    }
+
     /// The next packet for a driver that comes into use. Every pass takes one off the packets of this cycle, and a joint its turn.
     fn set_up(&mut self, core: &mut Core, packets: u8) -> Option<Request> {
         let due = |joint: &usize| {
@@ -344,8 +386,7 @@ impl Master {
         // Nobody that is known to be of another kind is written to.
         let wrong = core.motors.mask(|motor| motor.wrong(0).is_some());
         let all = core.motion.machine().all_joints();
-        let known = ids_of(all & !wrong).map(|id| (id, 0));
-        sync_write(info, &info.torque, &collect(known))
+        torque(info, all & !wrong, 0)
     }
 
     fn send(&mut self, request: Request, tx: &mut [u8; BUS_BUFFER], now_us: u64) -> Step {

@@ -121,6 +121,8 @@ pub struct Motor {
     answered: bool,
     /// Watchdog and delays are to be written before the next torque.
     configure: bool,
+    /// It restarted, and has not said since then that its torque is off.
+    restarted: bool,
     setup: Setup,
     /// What was last said about it being wrong.
     noted: Option<(u16, u16)>,
@@ -142,6 +144,7 @@ impl Motor {
             watch: Watch::new(),
             answered: false,
             configure: false,
+            restarted: false,
         }
     }
 
@@ -161,6 +164,7 @@ impl Motor {
             // Its settings are gone, and what the block holds is no reading.
             if self.last.is_some() {
                 find(Finding::Reset);
+                self.restarted = true;
             }
             self.forget();
             self.setup = Setup::Model;
@@ -169,8 +173,10 @@ impl Motor {
         let reset = self.last.is_some_and(|last| last.boots != feedback.boots);
         if reset {
             find(Finding::Reset);
+            self.restarted = true;
             self.forget();
         }
+        self.restarted &= feedback.status & status::TORQUE != 0;
         if let Some(last) = self.last.filter(|_| now_us > self.last_us) {
             // The same measurement again: the driver's loop stands, for however long. It counts as no answer. The tick alone comes round every 262 ms.
             let soon = now_us - self.last_us < 200_000;
@@ -417,6 +423,12 @@ impl Motor {
         self.last
             .filter(|_| self.present())
             .map(|last| last.status & status::TORQUE != 0)
+    }
+
+    /// Whether it restarted and may have torque: without a watchdog, and in another frame.
+    #[must_use]
+    pub fn has_restarted(&self) -> bool {
+        self.restarted
     }
 
     /// Whether its bus watchdog has tripped.

@@ -20,6 +20,12 @@ pub(super) fn take_first(mask: &mut u16) -> Option<usize> {
     Some(joint)
 }
 
+/// Torque on or off for these joints.
+pub(super) fn torque(info: &ProfileInfo, joints: u16, on: i32) -> Option<Request> {
+    let values = ids_of(joints).map(|id| (id, on));
+    sync_write(info, &info.torque, &collect(values))
+}
+
 pub(super) fn ids_of(mask: u16) -> impl Iterator<Item = u8> {
     (0..MAX_JOINTS)
         .filter(move |joint| mask >> joint & 1 != 0)

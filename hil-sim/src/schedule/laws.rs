@@ -389,7 +389,7 @@ impl Laws {
             return;
         }
         if address == Register::TorqueEnable.address() {
-            self.torque(at_us, values.iter().any(|(_, value)| *value == 1));
+            self.torque(at_us, &values);
         } else if address == Register::GoalAngle.address() {
             self.set_points(packet, &values, troubled);
         }
@@ -401,7 +401,8 @@ impl Laws {
             .any(|grant| at_us >= grant.at_us && at_us <= grant.until_us() + OFF_US)
     }
 
-    fn torque(&mut self, at_us: u64, on: bool) {
+    fn torque(&mut self, at_us: u64, values: &[(usize, i32)]) {
+        let on = values.iter().any(|(_, value)| *value == 1);
         if on && !self.torque_asked {
             self.runs += 1;
             self.counts.runs += 1;
@@ -415,10 +416,11 @@ impl Laws {
         if on && !self.authorised(at_us) {
             self.break_law(Law::Ordered, at_us, "torque on without an order".to_owned());
         }
-        if !on {
-            self.goals = [None; JOINTS];
-        }
-        self.torque_asked = on;
+        let off = values.iter().filter(|(_, value)| *value == 0);
+        let off = off.filter_map(|(joint, _)| self.goals.get_mut(*joint).map(|goal| *goal = None));
+        // One driver that is let go ends no run.
+        let all_off = off.count() == JOINTS;
+        self.torque_asked = on || self.torque_asked && !all_off;
     }
 
     fn set_points(

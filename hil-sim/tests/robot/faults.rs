@@ -543,6 +543,40 @@ fn a_driver_that_comes_back_loses_torque_before_its_watchdog_is_cleared() {
     }
 }
 
+/// A driver that restarted between its reading and torque-on got torque without a watchdog, and kept it to the end of the hold.
+#[test]
+fn a_driver_that_restarts_as_torque_goes_on_is_let_go_at_once() {
+    let mut caught = 0;
+    for (joint, after_us) in (0..6_000).step_by(250).enumerate() {
+        let joint = joint % 6;
+        let (mut robot, mut host, digest) = ready(0);
+        host.start(&mut robot, 0, digest, 1_000, TelemetryRate::Off)
+            .expect("ready");
+        let cycle_us = robot.now_us().next_multiple_of(50_000);
+        robot.run_until(cycle_us + after_us);
+        robot.motors().borrow_mut().restart(joint);
+        let mut bare_us = 0;
+        for _ in 0..2_000 {
+            robot.run_for(50);
+            let motors = robot.motors().borrow();
+            let bare = motors.torque(joint) && !motors.has_watchdog(joint);
+            bare_us += if bare { 50 } else { 0 };
+        }
+        assert!(
+            bare_us < 3_000,
+            "joint {joint}, {after_us} us: {bare_us} us"
+        );
+        caught += u32::from(bare_us > 0);
+        let end = expect_end(&mut robot, &mut host);
+        let joint = joint as u8;
+        assert_eq!(end.reason, EndReason::Fault(Fault::DriverReset { joint }));
+    }
+    assert!(
+        caught > 3,
+        "{caught} restarts fell between reading and torque"
+    );
+}
+
 /// The driver's tick comes round every 262 ms. A measurement that stood still counted as a new one after 200 ms.
 #[test]
 fn a_measurement_that_stands_still_stays_lost() {
