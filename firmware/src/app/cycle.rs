@@ -167,13 +167,15 @@ impl Core {
     ///
     /// All of it happens at the instant on the grid: bytes of a host that came while the drivers were read move neither the end of a run nor the time of a
     /// sample.
-    pub(crate) fn decide(&mut self) {
+    ///
+    /// `fresh`: a set-point that leaves now rests on readings of this cycle. Between here and the set-points no packet leaves in a cycle that has any.
+    pub(crate) fn decide(&mut self, fresh: bool) {
         let handled_us = core::mem::replace(&mut self.now_us, self.cycle_us);
-        self.decide_now();
+        self.decide_now(fresh);
         self.now_us = handled_us.max(self.now_us);
     }
 
-    fn decide_now(&mut self) {
+    fn decide_now(&mut self, fresh: bool) {
         self.count_missing();
         self.take_sample(Slot::Control);
         self.check_torque();
@@ -194,7 +196,7 @@ impl Core {
             }
         }
         self.out.goals.clear();
-        self.plan();
+        self.plan(fresh);
         self.note_end();
     }
 
@@ -261,7 +263,7 @@ impl Core {
         self.out.goals.clone()
     }
 
-    fn plan(&mut self) {
+    fn plan(&mut self, fresh: bool) {
         let command = self.command();
         self.out.flags = if command.torque { flags::TORQUE } else { 0 };
         if !command.torque {
@@ -276,6 +278,10 @@ impl Core {
         run.age_cycles = run.age_cycles.saturating_add(1);
         if !run.is_intact() {
             self.fault_in_motion(Fault::GaitCorrupt);
+            return;
+        }
+        // The drivers hold the last set-point, as they do when a packet is lost.
+        if !fresh {
             return;
         }
         if run.planner.is_none() {

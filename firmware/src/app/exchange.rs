@@ -36,6 +36,9 @@ const TRIES: u8 = 3;
 const ANSWER_SLACK_US: u64 = 500;
 /// Packets of one cycle for drivers that come into use: 12 of at most 1.7 ms leave more than half of the cycle.
 const SETUP_PACKETS: u8 = 12;
+/// A set-point leaves no later than this after the first reading it rests on was asked for, us: half a cycle. Six silent drivers keep that (18.3 ms).
+/// A stalled task does not, nor do twelve drivers of which most are silent; after three such cycles they count as lost.
+const FRESH_US: u64 = control::CYCLE_US / 2;
 /// Tries of the reading after torque-on: one more than on a good wire. Who answers neither is read in the next cycle.
 const CONFIRMS: u8 = 2;
 /// Times that torque-off is repeated to drivers that cannot confirm it.
@@ -81,6 +84,8 @@ pub struct Master {
     /// Drivers whose error register is to be read.
     ask_errors: u16,
     asking: Option<Asking>,
+    /// When the first reading of the cycle was asked for, us.
+    asked_us: u64,
     /// Driver whose answer brings it into use.
     setting_up: Option<usize>,
     /// Joint whose turn it is to come into use.
@@ -115,6 +120,7 @@ impl Master {
             request_len: 0,
             ask_errors: 0,
             asking: None,
+            asked_us: 0,
             setting_up: None,
             setup_turn: 0,
             configure: 0,
@@ -144,7 +150,7 @@ impl Master {
         self.close(core);
         // Every pass moves to a later phase or takes a driver off a list; a read phase comes at most three times.
         while self.phase != Phase::Done {
-            let request = self.advance(core);
+            let request = self.advance(core, now_us);
             if let Some(request) = request {
                 return self.send(request, tx, now_us);
             }
@@ -157,14 +163,19 @@ impl Master {
     }
 
     /// Builds the packet of the present phase, if it needs one, and moves on.
-    fn advance(&mut self, core: &mut Core) -> Option<Request> {
+    fn advance(&mut self, core: &mut Core, now_us: u64) -> Option<Request> {
         let info = core.motors.info();
         let (request, next) = match self.phase {
-            Phase::Read { tries, asked } => return self.read(core, tries, asked),
+            Phase::Read { tries, asked } => {
+                if (tries, asked) == (0, 0) {
+                    self.asked_us = now_us;
+                }
+                return self.read(core, tries, asked);
+            }
             Phase::Errors => return self.read_error(info),
             Phase::Setup { packets } => return self.set_up(core, packets),
             Phase::Decide => {
-                core.decide();
+                core.decide(now_us.saturating_sub(self.asked_us) <= FRESH_US);
                 if core.command().torque {
                     self.off_repeats = OFF_REPEATS;
                 }

@@ -577,6 +577,23 @@ fn a_driver_that_restarts_as_torque_goes_on_is_let_go_at_once() {
     );
 }
 
+/// A stalled task sent a set-point 47 ms after the reading it rests on.
+#[test]
+fn a_set_point_that_would_leave_late_does_not_leave() {
+    for stall_us in [10_000, 30_000, 46_000, 70_000] {
+        let (mut robot, _) = running(0, 10_000);
+        let begun_ns = robot.now_us() * 1_000;
+        robot.motors().borrow_mut().stall_once(stall_us);
+        robot.run_for(300_000);
+        check_set_points(&robot);
+        let taken = robot.motors().borrow().taken(3);
+        let taken = taken.iter().filter(|taken| taken.at_ns > begun_ns);
+        let late_us = taken.map(|taken| taken.at_ns / 1_000 % 50_000);
+        let most_us = late_us.max().expect("the run goes on");
+        assert!(most_us < 25_000, "{most_us} us, stalled for {stall_us} us");
+    }
+}
+
 /// The driver's tick comes round every 262 ms. A measurement that stood still counted as a new one after 200 ms.
 #[test]
 fn a_measurement_that_stands_still_stays_lost() {
