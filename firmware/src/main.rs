@@ -1,30 +1,24 @@
 //! The image for the module's microcontroller. On the host it is an empty program, so that the workspace builds there.
 //!
-//! A board is one file `board_<chip>.rs` that implements the traits of `firmware::ports` and has a function `start`.
-//! The other `board_*` files hold what any Cortex-M board can share.
+//! A board is one file in `board/`, chosen by a feature of this crate. `stm32/` holds what boards share.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
-#[cfg(target_os = "none")]
-mod board_clock;
-#[cfg(target_os = "none")]
-mod board_executor;
-#[cfg(target_os = "none")]
-mod board_fault;
-#[cfg(target_os = "none")]
-mod board_l475vg;
-#[cfg(target_os = "none")]
-mod board_log;
-#[cfg(target_os = "none")]
-mod board_rng;
-#[cfg(target_os = "none")]
-mod board_store;
-#[cfg(target_os = "none")]
-mod board_uart;
+#[cfg(boards = "none")]
+compile_error!("no board is chosen: build with exactly one feature `board-NAME`");
+#[cfg(boards = "several")]
+compile_error!(
+    "several boards are chosen: build with exactly one feature `board-NAME`; one that is not the default needs `--no-default-features`"
+);
 
-#[cfg(target_os = "none")]
+#[cfg(all(target_os = "none", boards = "one"))]
+mod board;
+#[cfg(all(target_os = "none", boards = "one"))]
+mod stm32;
+
+#[cfg(all(target_os = "none", boards = "one"))]
 #[cortex_m_rt::entry]
 fn main() -> ! {
-    board_executor::run(board_l475vg::start)
+    stm32::executor::run(stm32::start::start)
 }
 
 #[cfg(not(target_os = "none"))]

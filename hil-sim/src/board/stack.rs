@@ -13,7 +13,7 @@ use super::elf::Elf;
 pub const EXCEPTION_FRAME_BYTES: u32 = 108;
 /// Part of the name of a task's entry, and of the only function that calls it.
 const TASK: &str = "TaskStorage";
-const TASK_CALLER: &str = "board_executor";
+const TASK_CALLER: &str = "stm328executor";
 /// Levels of calls through pointers that are followed.
 const POINTER_LEVELS: u32 = 2;
 

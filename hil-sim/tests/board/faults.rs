@@ -68,7 +68,7 @@ fn a_clock_that_stands_still_brings_the_watchdog_and_a_new_boot_without_motion()
     let Some(built) = built("watchdog in QEMU") else {
         return;
     };
-    let driver = symbol(&built, "11board_clock6DRIVER");
+    let driver = symbol(&built, "5stm325clock6DRIVER");
     let (mut board, mut host) = board(&built.config());
     host.home(&mut board).expect("drivers answer");
     let first_boot = hello(&mut board, &mut host);
@@ -141,7 +141,7 @@ fn the_fault_record_of_the_life_before_is_told_once() {
     let Some(built) = built("fault record in QEMU") else {
         return;
     };
-    let place = symbol(&built, "11board_fault11CRASH_BLOCK");
+    let place = symbol(&built, "5stm325fault11CRASH_BLOCK");
     let mut record = CrashRecord::new(CrashKind::HardFault, 0, 12_345_678);
     (record.pc, record.lr, record.detail) = (0x0800_1234, 0x0800_5678, 0x8200);
     let mut block = [0; BLOCK_BYTES];

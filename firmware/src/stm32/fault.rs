@@ -11,7 +11,9 @@ use cortex_m_rt::{ExceptionFrame, exception};
 use embassy_stm32::pac;
 use firmware::crash::{BLOCK_BYTES, CrashKind, CrashRecord};
 
-use crate::board_log;
+use super::log;
+use super::parts::BoardFile;
+use crate::board::Chosen;
 
 /// Exit codes of QEMU.
 const EXIT_PANIC: i32 = 1;
@@ -80,7 +82,7 @@ pub(crate) fn take_ecc_error() -> bool {
 
 /// Silences the motor bus: the transmitter off releases driver enable, and the drivers' own watchdogs damp the motors.
 fn make_outputs_safe() {
-    pac::USART2.cr1().modify(|w| w.set_te(false));
+    Chosen::BUS.cr1().modify(|w| w.set_te(false));
 }
 
 fn end(record: &CrashRecord, code: i32) -> ! {
@@ -88,7 +90,7 @@ fn end(record: &CrashRecord, code: i32) -> ! {
     record.encode(&mut bytes);
     // SAFETY: interrupts are off and the application is dead, so nothing else uses the block.
     unsafe { addr_of_mut!(CRASH_BLOCK).write_volatile(MaybeUninit::new(bytes)) };
-    board_log::exit_if_emulated(code);
+    log::exit_if_emulated(code);
     SCB::sys_reset()
 }
 
@@ -106,7 +108,7 @@ fn panic(info: &PanicInfo<'_>) -> ! {
 }
 
 unsafe extern "C" {
-    /// Lowest address of the stack, from `memory.x`.
+    /// Lowest address of the stack, from the board's memory map.
     static _stack_end: u32;
     static _stack_start: u32;
 }

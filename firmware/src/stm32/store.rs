@@ -1,4 +1,5 @@
-//! The slot store in the last pages of the STM32L4's flash. They lie in bank 2, so code in bank 1 runs on during an erase.
+//! The slot store in the last pages of the flash, on chips with pages of 2 KiB and words of 64 bits with ECC (STM32L4, STM32G4). They lie in bank 2, so
+//! code in bank 1 runs on during an erase.
 
 use embassy_stm32::Peri;
 use embassy_stm32::flash::{Blocking, Error, Flash};
@@ -6,14 +7,14 @@ use embassy_stm32::pac;
 use embassy_stm32::peripherals::FLASH;
 use firmware::ports::{FlashError, PAGE_BYTES, PAGE_WORDS, STORE_PAGES, SlotStore, WORD_BYTES};
 
-use crate::board_fault;
+use super::fault;
+use super::parts::BoardFile;
+use crate::board::Chosen;
 
 /// Start of flash in the address space.
 const FLASH_BASE: usize = 0x0800_0000;
-/// Size of the STM32L475VG's flash.
-const FLASH_BYTES: usize = 1024 * 1024;
-/// First byte of the store, from the start of flash. `memory.x` ends there.
-const STORE_OFFSET: usize = FLASH_BYTES - STORE_PAGES * PAGE_BYTES;
+/// First byte of the store, from the start of flash. The board's memory map ends there.
+const STORE_OFFSET: usize = Chosen::FLASH_BYTES - STORE_PAGES * PAGE_BYTES;
 
 /// The pages of the store.
 pub(crate) struct FlashStore {
@@ -67,13 +68,13 @@ impl SlotStore for FlashStore {
 
     fn read(&mut self, page: usize, word: usize) -> Result<[u8; WORD_BYTES], FlashError> {
         let address = FLASH_BASE + word_offset(page, word)?;
-        board_fault::take_ecc_error();
+        fault::take_ecc_error();
         // SAFETY: an aligned word inside the flash; volatile, because an ECC error is seen by its interrupt.
         let value = unsafe { (address as *const [u8; WORD_BYTES]).read_volatile() };
         // The NMI of a failed read is taken before the barrier ends.
         cortex_m::asm::dsb();
         cortex_m::asm::isb();
-        if board_fault::take_ecc_error() {
+        if fault::take_ecc_error() {
             Err(FlashError::Ecc)
         } else {
             Ok(value)

@@ -1,0 +1,146 @@
+//! What a board file gives, and the parts it builds that from.
+
+use embassy_stm32::gpio::Input;
+use embassy_stm32::pac::usart::Usart;
+use embassy_stm32::usart::{BufferedUart, Config as UartConfig, ConfigError};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_stm32::{Peri, Peripherals, peripherals};
+use firmware::ports::{LinkKind, LinkPort, ResetCause};
+use static_cell::StaticCell;
+
+use super::uart::{UartBus, UartLinkRx, UartLinkTx, Watch};
+
+/// Motor bus speed; every byte takes 10 us.
+const BUS_BAUD: u32 = 1_000_000;
+/// The bus driver is on this long before the start bit and after the stop bit, sixteenths of a bit: one bit, 1 us. The transceiver needs a time to switch
+/// over, and a start bit that begins with the enable signal is short by it. embassy 0.6 writes the first of the two numbers into both fields.
+const DRIVER_ENABLE: u8 = 16;
+/// Host link speed on both ports.
+const LINK_BAUD: u32 = 115_200;
+/// Watchdog period: the bound of the `Board` trait.
+const WATCHDOG_US: u32 = 200_000;
+
+/// Send ring of the bus: the longest exchange is 12 motors, about 200 bytes out.
+const BUS_TX_RING: usize = 512;
+/// Receive ring of the bus: about 600 bytes come in.
+pub(crate) const BUS_RX_RING: usize = 1024;
+/// Send ring of a host link.
+const LINK_TX_RING: usize = 512;
+/// Receive ring of a host link: 80 ms of line time at 115200 baud.
+pub(crate) const LINK_RX_RING: usize = 1024;
+
+/// The motor bus.
+pub(crate) type Bus = UartBus<BUS_TX_RING>;
+/// A host link.
+pub(crate) type Link = LinkPort<UartLinkRx, UartLinkTx<LINK_TX_RING>>;
+/// Rings of the motor bus.
+pub(crate) type BusRings = Rings<BUS_TX_RING, BUS_RX_RING>;
+/// Rings of a host link.
+pub(crate) type LinkRings = Rings<LINK_TX_RING, LINK_RX_RING>;
+
+/// Where a UART keeps what waits to go and what has come.
+pub(crate) struct Rings<const TX: usize, const RX: usize> {
+    tx: StaticCell<[u8; TX]>,
+    rx: StaticCell<[u8; RX]>,
+}
+
+impl<const TX: usize, const RX: usize> Rings<TX, RX> {
+    pub(crate) const fn new() -> Self {
+        Self {
+            tx: StaticCell::new(),
+            rx: StaticCell::new(),
+        }
+    }
+
+    /// Both, transmit first. Once.
+    pub(crate) fn take(&'static self) -> (&'static mut [u8], &'static mut [u8]) {
+        (self.tx.init([0; TX]), self.rx.init([0; RX]))
+    }
+}
+
+/// The converter that reads the battery.
+pub(crate) trait Battery {
+    /// One conversion of the pin behind the divider, 12 bits at a reference of 3.3 V. Bounded.
+    fn sample(&mut self) -> u16;
+}
+
+/// What `fit` has made of the chip's peripherals.
+pub(crate) struct Fitted<B> {
+    pub(crate) bus: Bus,
+    pub(crate) wire: Link,
+    pub(crate) radio: Link,
+    /// From [`watchdog`]: it runs already.
+    pub(crate) watchdog: IndependentWatchdog<'static, peripherals::IWDG>,
+    /// With pull-up; a contact to ground, normally closed.
+    pub(crate) stop: Input<'static>,
+    pub(crate) battery: B,
+    pub(crate) flash: Peri<'static, peripherals::FLASH>,
+    pub(crate) rng: Peri<'static, peripherals::RNG>,
+}
+
+/// What a board file says of its board.
+pub(crate) trait BoardFile {
+    /// As told in HELLO: at most 16 characters.
+    const NAME: &'static str;
+    /// The core's clock that [`BoardFile::clocks`] sets: a multiple of 1 MHz.
+    const CORE_HZ: u32;
+    /// Size of the flash. The slot store is its end, in pages of 2 KiB, and the memory map leaves that out.
+    const FLASH_BYTES: usize;
+    /// The UART of the motor bus, which a fault silences.
+    const BUS: Usart;
+    /// The battery's converter.
+    type Battery: Battery;
+
+    /// Clock tree. The random number generator needs its 48 MHz.
+    fn clocks() -> embassy_stm32::Config;
+
+    /// Why the chip started; clears the flags. Called once.
+    fn reset_cause() -> ResetCause;
+
+    /// Brings up the peripherals, the watchdog first. Called once.
+    fn fit(peripherals: Peripherals) -> Fitted<Self::Battery>;
+}
+
+/// The watchdog, running.
+pub(crate) fn watchdog(
+    peripheral: Peri<'static, peripherals::IWDG>,
+) -> IndependentWatchdog<'static, peripherals::IWDG> {
+    let mut watchdog = IndependentWatchdog::new(peripheral, WATCHDOG_US);
+    watchdog.unleash();
+    watchdog
+}
+
+/// Settings of the UART of the motor bus.
+pub(crate) fn bus_config() -> UartConfig {
+    let mut config = UartConfig::default();
+    config.baudrate = BUS_BAUD;
+    (config.de_assertion_time, config.de_deassertion_time) = (DRIVER_ENABLE, DRIVER_ENABLE);
+    config
+}
+
+/// Settings of the UART of a host link.
+pub(crate) fn link_config() -> UartConfig {
+    let mut config = UartConfig::default();
+    config.baudrate = LINK_BAUD;
+    config
+}
+
+/// The motor bus over a UART.
+pub(crate) fn bus(uart: Result<BufferedUart<'static>, ConfigError>, watch: &'static Watch) -> Bus {
+    let (tx, rx) = defmt::unwrap!(uart.ok()).split();
+    UartBus { tx, rx, watch }
+}
+
+/// A host link over a UART.
+pub(crate) fn link(
+    kind: LinkKind,
+    uart: Result<BufferedUart<'static>, ConfigError>,
+    watch: &'static Watch,
+) -> Link {
+    let (tx, rx) = defmt::unwrap!(uart.ok()).split();
+    LinkPort {
+        kind,
+        rx: UartLinkRx(rx, watch),
+        tx: UartLinkTx(tx),
+    }
+}
