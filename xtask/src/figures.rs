@@ -2,7 +2,7 @@
 //!
 //! What a command prints takes the place of the text between its marks in `docs/validation/README.md`.
 
-use crate::{sh, test};
+use crate::{images, sh};
 use anyhow::Result;
 
 /// The page of all figures.
@@ -62,7 +62,7 @@ const TABLES: &[(&str, &str)] = &[
 
 /// Print all tables and write them into the page; each command can also be run alone.
 pub(crate) fn run() -> Result<()> {
-    test::firmware_image()?;
+    images::default_image()?;
     let path = sh::root().join(PAGE);
     let date = sh::output("date", &["-I"])?;
     for (title, command) in TABLES {

@@ -5,6 +5,7 @@ mod demo;
 mod elf;
 mod figures;
 mod fuzz;
+mod images;
 mod mutants;
 mod planted;
 mod release;
@@ -24,7 +25,8 @@ cargo xtask <command>
   test      set up this machine, then run every check: format, lints, all tests, firmware, QEMU, foreign clients
   setup     only the set-up that `test` does: Rust target, QEMU, Python clients, browser, mdBook
   fw        build the firmware image for the STM32L475VG and print its size
-  gate      link `control` and `protocol` into a thumb image in which a reachable panic is a link error
+  gate      link `control` and `protocol` into a thumb image in which a reachable panic is a link error,
+            link the image of every board and look from where it may panic
   fuzz      [--seconds N] [TARGET...]: every fuzz target, 60 s each when not given (coverage needs nightly and cargo-fuzz)
   release   archives, Debian package, checksums and parts list of this version, in target/dist
   site      the pages as a web site, in target/site with mdBook, links followed
@@ -40,8 +42,8 @@ fn main() -> ExitCode {
         Some("demo") => demo::run(),
         Some("test") => test::run(),
         Some("setup") => setup::run().map(|report| report.print()),
-        Some("fw") => test::firmware_image(),
-        Some("gate") => test::panic_free_gate(),
+        Some("fw") => images::default_image(),
+        Some("gate") => test::panic_free_gate().and_then(|()| images::all()),
         Some("fuzz") => fuzz::run(&arguments[1..]),
         Some("release") => release::run(),
         Some("site") => site::run(),

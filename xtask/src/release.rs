@@ -2,7 +2,7 @@
 //!
 //! The archives hold no clock: files are dated by `SOURCE_DATE_EPOCH`, or by the last commit.
 
-use crate::{elf, sbom, sh, test};
+use crate::{elf, images, sbom, sh};
 use anyhow::{Context, Result, ensure};
 use std::path::{Path, PathBuf};
 
@@ -37,7 +37,7 @@ pub(crate) fn run() -> Result<()> {
         "cargo",
         &["build", "--release", "--locked", "--package", "host"],
     )?;
-    test::firmware_image()?;
+    images::default_image()?;
 
     let host = format!("rb-host-{version}-{}-linux", std::env::consts::ARCH);
     let tree = dist.join(&host);
@@ -96,7 +96,7 @@ fn host_tree(tree: &Path) -> Result<()> {
 
 /// The image as ELF for a debugger and as bytes for a flash tool.
 fn firmware_tree(tree: &Path) -> Result<()> {
-    let image = std::fs::read(test::firmware_elf())?;
+    let image = std::fs::read(images::elf())?;
     let flat = elf::flatten(&image).context("the firmware image")?;
     put(tree, "rb-firmware.elf", &image)?;
     put(tree, "rb-firmware.bin", &flat.bytes)?;

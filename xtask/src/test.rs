@@ -1,8 +1,8 @@
 //! `cargo xtask test`: every check, in the order in which a failure is cheapest to learn about.
 
-use crate::{setup, sh};
+use crate::{images, setup, sh};
 use anyhow::{Result, bail};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 type Step = (&'static str, fn() -> Result<()>);
@@ -10,8 +10,8 @@ type Step = (&'static str, fn() -> Result<()>);
 const STEPS: &[Step] = &[
     ("format", || sh::run("cargo", &["fmt", "--all", "--check"])),
     ("lints", lints),
-    ("lints of the firmware image", firmware_lints),
-    ("firmware image", firmware_image),
+    ("lints of the firmware images", images::lints),
+    ("firmware images", images::all),
     ("panic-free gate", panic_free_gate),
     ("instructions of the law", crate::tick::check),
     (
@@ -94,45 +94,12 @@ fn libclang() -> bool {
     std::env::var_os("LIBCLANG_PATH").is_some() || below("/usr/lib", "lib") || below("/usr/lib", "")
 }
 
-/// The target folder of image and plug-in is the one the QEMU tests build into, so they find both ready.
-const THUMB: [&str; 6] = [
-    "--target",
-    "thumbv7em-none-eabihf",
-    "--profile",
-    "firmware",
-    "--target-dir",
-    "target/board",
-];
-
 fn plugin() -> Result<()> {
     let folder = ["--target-dir", "target/board"];
     sh::run(
         "cargo",
         &[&["build", "-p", "qemu-shim", "--release"][..], &folder].concat(),
     )
-}
-
-fn firmware_lints() -> Result<()> {
-    let arguments = [
-        &["clippy", "-p", "firmware"][..],
-        &THUMB,
-        &["--", "-D", "warnings"],
-    ];
-    sh::run("cargo", &arguments.concat())
-}
-
-/// Build the image that is flashed and run unchanged in QEMU.
-pub(crate) fn firmware_image() -> Result<()> {
-    setup::rust_target()?;
-    sh::run(
-        "cargo",
-        &[&["build", "-p", "firmware"][..], &THUMB].concat(),
-    )
-}
-
-/// The image that [`firmware_image`] builds.
-pub(crate) fn firmware_elf() -> PathBuf {
-    sh::root().join("target/board/thumbv7em-none-eabihf/firmware/firmware")
 }
 
 /// A reachable panic in `control` or `protocol` leaves an undefined symbol, so the link fails.
@@ -146,7 +113,7 @@ pub(crate) fn panic_free_gate() -> Result<()> {
         "--manifest-path",
         "tests/panic-free/Cargo.toml",
         "--target",
-        THUMB[1],
+        "thumbv7em-none-eabihf",
         "--target-dir",
         &target_dir,
     ];
