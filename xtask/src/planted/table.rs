@@ -109,9 +109,9 @@ pub(crate) const PLANTED: &[Planted] = &[
     Planted {
         kind: "missed check",
         what: "torque before the driver's watchdog is certain",
-        file: "firmware/src/app/packets.rs",
-        find: ".mask(|motor| motor.torque() == Some(false) && !motor.needs_settings());",
-        put: ".mask(|motor| motor.torque() == Some(false));",
+        file: "firmware/src/app/cycle.rs",
+        find: ".mask(|motor| off(motor) && !motor.needs_settings())",
+        put: ".mask(off)",
         test: ("hil-sim", "robot"),
     },
     Planted {
