@@ -94,7 +94,7 @@ impl LinkTx for NotFitted {
     }
 }
 
-/// Flash page size in bytes: STM32L475, RM0351 section 3.3.1.
+/// Flash page size in bytes: STM32L475, RM0351 section 3.3.1; STM32G474 with two banks too.
 pub const PAGE_BYTES: usize = 2048;
 /// Smallest programmable unit in bytes: one 64-bit word with its 8 ECC bits, RM0351 section 3.3.7.
 pub const WORD_BYTES: usize = 8;

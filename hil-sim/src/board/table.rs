@@ -53,7 +53,7 @@ pub enum TableError {
     #[error(transparent)]
     Elf(#[from] ElfError),
     /// The image has no stack symbols: another linker script.
-    #[error("the image has no symbol {0}; it was not linked with memory.x of this workspace")]
+    #[error("the image has no symbol {0}; it was not linked with the memory map of its board")]
     NoStack(&'static str),
     /// The run failed.
     #[error(transparent)]
