@@ -111,7 +111,7 @@ pub(crate) const PLANTED: &[Planted] = &[
         what: "torque before the driver's watchdog is certain",
         file: "firmware/src/app/cycle.rs",
         find: ".mask(|motor| off(motor) && !motor.needs_settings())",
-        put: ".mask(off)",
+        put: ".mask(|motor| off(motor))",
         test: ("hil-sim", "robot"),
     },
     Planted {
@@ -401,5 +401,29 @@ pub(crate) const PLANTED: &[Planted] = &[
         find: "self.lease.is_some_and(|lease| now_us >= lease.until_us)",
         put: "self.lease.is_some_and(|lease| now_us > lease.until_us.saturating_mul(2))",
         test: ("control", "control"),
+    },
+    Planted {
+        kind: "missed check",
+        what: "who was sent torque is not read again",
+        file: "firmware/src/app/exchange.rs",
+        find: "self.unread = self.switched & silent;",
+        put: "self.unread = 0 & silent;",
+        test: ("hil-sim", "robot"),
+    },
+    Planted {
+        kind: "dropped step",
+        what: "a driver that restarted keeps its torque",
+        file: "firmware/src/app/cycle.rs",
+        find: "self.motors.mask(Motor::has_restarted)",
+        put: "0",
+        test: ("hil-sim", "robot"),
+    },
+    Planted {
+        kind: "missed check",
+        what: "a set-point leaves whatever the age of its reading",
+        file: "firmware/src/app/exchange.rs",
+        find: "core.decide(now_us.saturating_sub(self.asked_us) <= FRESH_US);",
+        put: "core.decide(FRESH_US > 0);",
+        test: ("hil-sim", "robot"),
     },
 ];
