@@ -96,6 +96,9 @@ struct MotorHistory {
 trait Bits {
     /// Writes `code`, or reads one and returns it.
     fn bits(&mut self, code: u32, width: u32) -> Option<u32>;
+
+    /// As many ones as `count` says and a zero, or [`ESCAPE`] ones; returns how many.
+    fn ones(&mut self, count: u32) -> Option<u32>;
 }
 
 /// Adaptive Golomb-Rice parameter: four times the mean of the last codes.
@@ -121,12 +124,7 @@ impl Rice {
         let k = (u32::BITS - (self.0 >> 2).leading_zeros())
             .saturating_sub(1)
             .min(30);
-        let quotient = code >> k;
-        let mut ones = 0;
-        // At most ESCAPE passes.
-        while ones < ESCAPE && bits.bits(u32::from(ones < quotient), 1)? == 1 {
-            ones += 1;
-        }
+        let ones = bits.ones(code >> k)?;
         if ones == ESCAPE {
             return bits.bits(code, PLAIN_BITS);
         }
@@ -539,16 +537,25 @@ struct Writer<'a> {
 
 impl Bits for Writer<'_> {
     fn bits(&mut self, code: u32, width: u32) -> Option<u32> {
-        for bit in 0..width {
+        let (mut rest, mut left) = (code, width);
+        // At most five passes: a byte is filled in each.
+        while left > 0 {
             // MAX_SAMPLE is the sum of all maxima of six motors: only more of them find no place.
             let place = self.out.get_mut(self.len >> 3)?;
-            let mask = 1 << (self.len & 7);
-            if code >> bit & 1 == 1 {
-                *place |= mask;
-            }
-            self.len = self.len.saturating_add(1);
+            let used = (self.len & 7) as u32;
+            let now = left.min(8 - used);
+            *place |= ((rest & ((1 << now) - 1)) << used) as u8;
+            rest >>= now;
+            left -= now;
+            self.len = self.len.saturating_add(now as usize);
         }
         Some(code)
+    }
+
+    fn ones(&mut self, count: u32) -> Option<u32> {
+        let ones = count.min(ESCAPE);
+        self.bits((1 << ones) - 1, ones + u32::from(ones < ESCAPE))?;
+        Some(ones)
     }
 }
 
@@ -567,6 +574,14 @@ impl Bits for Reader<'_> {
             self.at = self.at.saturating_add(1);
         }
         Some(code)
+    }
+
+    fn ones(&mut self, _count: u32) -> Option<u32> {
+        let mut ones = 0;
+        while ones < ESCAPE && self.bits(0, 1)? == 1 {
+            ones += 1;
+        }
+        Some(ones)
     }
 }
 
