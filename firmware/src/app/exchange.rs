@@ -77,7 +77,10 @@ enum Phase {
 pub struct Master {
     phase: Phase,
     slot: Slot,
-    exchange: Option<Exchange>,
+    /// What is asked now, or was asked last. It stays where it is: 1.7 KB are not moved six times a cycle.
+    exchange: Exchange,
+    /// The exchange is under way.
+    listening: bool,
     /// When the drivers latched what the present exchange reads, us.
     latched_us: u64,
     request_len: u64,
@@ -115,7 +118,8 @@ impl Master {
         Self {
             phase: Phase::Done,
             slot: Slot::Control,
-            exchange: None,
+            exchange: Exchange::idle(),
+            listening: false,
             latched_us: 0,
             request_len: 0,
             ask_errors: 0,
@@ -415,7 +419,8 @@ impl Master {
             0
         };
         let reply_bytes = request.answer_bytes();
-        self.exchange = Some(Exchange::new(request));
+        self.exchange.begin(request);
+        self.listening = true;
         Step::Exchange {
             len,
             reply_bytes,
@@ -444,31 +449,27 @@ impl Master {
     /// Bytes came. True when everything asked for is there.
     pub(crate) fn received(&mut self, core: &mut Core, bytes: &[u8]) -> bool {
         self.heard_anything = true;
-        let Some(exchange) = self.exchange.as_mut() else {
+        if !self.listening {
             if let Some(job) = core.bus_job.as_mut() {
                 job.overflow |= job.heard.extend_from_slice(bytes).is_err();
             }
             return false;
-        };
+        }
         for byte in bytes {
-            exchange.push(*byte);
+            self.exchange.push(*byte);
         }
         let complete = self.take_answers(core);
         // What needs no answer is over when its own time is, or an echo would run into the next packet.
-        complete
-            && self
-                .exchange
-                .as_ref()
-                .is_some_and(|exchange| exchange.request().is_answered())
+        complete && self.exchange.request().is_answered()
     }
 
     fn take_answers(&mut self, core: &mut Core) -> bool {
-        let Some(exchange) = self.exchange.as_mut() else {
+        if !self.listening {
             return false;
-        };
+        }
         let info = core.motors.info();
         let mut setup = None;
-        while let Some(answer) = exchange.next_answer() {
+        while let Some(answer) = self.exchange.next_answer() {
             let joint = usize::from(answer.id.wrapping_sub(FIRST_ID));
             if let Some(asking) = self.asking {
                 take_asked(core, asking, answer.data);
@@ -491,7 +492,7 @@ impl Master {
                 motor.suspect();
             }
         }
-        let complete = exchange.is_complete();
+        let complete = self.exchange.is_complete();
         if let Some((joint, setup)) = setup {
             self.step_up(core, joint, setup);
         }
@@ -500,8 +501,8 @@ impl Master {
 
     /// The waiting time is over.
     pub(crate) fn silent(&mut self, core: &mut Core) {
-        if let Some(exchange) = self.exchange.as_mut() {
-            exchange.finish();
+        if self.listening {
+            self.exchange.finish();
         }
         self.take_answers(core);
     }
@@ -514,9 +515,10 @@ impl Master {
 
     /// Books the exchange that is over.
     fn close(&mut self, core: &mut Core) {
-        let Some(exchange) = self.exchange.take() else {
+        if !core::mem::take(&mut self.listening) {
             return;
-        };
+        }
+        let exchange = &self.exchange;
         let setting_up = self.setting_up.take().is_some();
         let missing = exchange.missing().filter(|id| {
             core.motors

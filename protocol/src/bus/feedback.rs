@@ -120,14 +120,20 @@ impl PackedFeedback {
         if bytes.iter().step_by(3).any(|byte| byte & 0x80 != 0) {
             return None;
         }
-        let mut source = bytes.iter().enumerate().flat_map(|(index, byte)| {
-            (0..capacity(index)).map(move |bit| u32::from(byte >> bit & 1))
-        });
+        let mut source = bytes.iter().enumerate();
         let mut fields = [0; WIDTHS.len()];
+        // Bits of the bytes taken that no field has had: fewer than a byte's between two fields, fewer than 36 within one.
+        let (mut held, mut count) = (0_u64, 0);
         for (field, width) in fields.iter_mut().zip(WIDTHS) {
-            for bit in 0..width {
-                *field |= source.next().unwrap_or(0) << bit;
+            while count < width
+                && let Some((index, byte)) = source.next()
+            {
+                held |= u64::from(*byte) << count;
+                count += capacity(index);
             }
+            *field = (held & ((1 << width) - 1)) as u32;
+            held >>= width;
+            count = count.saturating_sub(width);
         }
         let [
             tick,

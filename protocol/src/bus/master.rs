@@ -43,6 +43,17 @@ pub struct Request {
 }
 
 impl Request {
+    /// No request: no bytes, nobody answers.
+    const fn nothing() -> Self {
+        Self {
+            bytes: PacketBuf::new(),
+            framing: Framing::Dynamixel2,
+            answers: Answers::None,
+            ids: Vec::new(),
+            data_len: 0,
+        }
+    }
+
     /// Is this driver there?
     ///
     /// # Errors
@@ -380,36 +391,63 @@ struct Found {
 }
 
 /// A packet that came back.
-#[allow(clippy::large_enum_variant, reason = "no heap to box into")]
 enum Heard {
     /// The own request.
     Echo,
     /// Another request.
     Foreign,
-    /// An answer; `raw` are the parameters as received, of a common answer alone.
-    Answer { id: u8, error: u8, raw: PacketBuf },
+    /// An answer, its data in hand.
+    Answer { id: u8, error: u8 },
+    /// A common answer, its parts in hand as they were received.
+    Together,
 }
 
 impl Exchange {
-    /// Begins to listen.
+    /// Asks nobody anything.
     #[must_use]
-    pub fn new(request: Request) -> Self {
-        let frames = match request.framing {
-            Framing::Dynamixel2 => {
-                let mut parser = Parser::new();
-                parser.set_longest(request.longest_answer());
-                Frames::Dynamixel(parser)
-            }
-            Framing::Feetech => Frames::Feetech(feetech::Parser::new()),
-        };
+    pub const fn idle() -> Self {
         Self {
-            frames,
-            request,
+            frames: Frames::Dynamixel(Parser::new()),
+            request: Request::nothing(),
             seen: 0,
             data: PacketBuf::new(),
             together: PacketBuf::new(),
-            counters: ExchangeCounters::default(),
+            counters: ExchangeCounters {
+                echoes: 0,
+                foreign: 0,
+                wrong_id: 0,
+                duplicates: 0,
+                wrong_length: 0,
+            },
         }
+    }
+
+    /// Begins to listen.
+    #[must_use]
+    pub fn new(request: Request) -> Self {
+        let mut exchange = Self::idle();
+        exchange.begin(request);
+        exchange
+    }
+
+    /// Begins to listen for the answers to another request; nothing is left of the one before.
+    pub fn begin(&mut self, request: Request) {
+        match (request.framing, &mut self.frames) {
+            (Framing::Dynamixel2, Frames::Dynamixel(parser)) => {
+                parser.renew(request.longest_answer());
+            }
+            (Framing::Dynamixel2, frames) => {
+                let mut parser = Parser::new();
+                parser.set_longest(request.longest_answer());
+                *frames = Frames::Dynamixel(parser);
+            }
+            (Framing::Feetech, frames) => *frames = Frames::Feetech(feetech::Parser::new()),
+        }
+        self.request = request;
+        self.seen = 0;
+        self.data.clear();
+        self.together.clear();
+        self.counters = ExchangeCounters::default();
     }
 
     /// The request.
@@ -489,8 +527,9 @@ impl Exchange {
                 }
                 continue;
             }
-            let (id, error, raw) = match self.next_status()? {
-                Heard::Answer { id, error, raw } => (id, error, raw),
+            let (id, error) = match self.next_status()? {
+                Heard::Answer { id, error } => (id, error),
+                Heard::Together => continue,
                 Heard::Echo => {
                     self.counters.echoes = self.counters.echoes.saturating_add(1);
                     continue;
@@ -500,10 +539,6 @@ impl Exchange {
                     continue;
                 }
             };
-            if self.request.answers == Answers::Together && id == BROADCAST {
-                self.together = raw;
-                continue;
-            }
             if self.accept(id, error) {
                 return Some(Found { id, error });
             }
@@ -513,7 +548,6 @@ impl Exchange {
 
     /// The next packet; the data of an answer is in hand after it.
     fn next_status(&mut self) -> Option<Heard> {
-        let mut raw = PacketBuf::new();
         match &mut self.frames {
             Frames::Dynamixel(parser) => {
                 let packet = parser.next_packet()?;
@@ -524,15 +558,16 @@ impl Exchange {
                         Heard::Foreign
                     });
                 };
+                if self.request.answers == Answers::Together && packet.id == BROADCAST {
+                    self.together.clear();
+                    let _ = self.together.extend_from_slice(packet.raw_params);
+                    return Some(Heard::Together);
+                }
                 self.data.clear();
                 let _ = self.data.extend_from_slice(data);
-                if self.request.answers == Answers::Together {
-                    let _ = raw.extend_from_slice(packet.raw_params);
-                }
                 Some(Heard::Answer {
                     id: packet.id,
                     error,
-                    raw,
                 })
             }
             Frames::Feetech(parser) => {
@@ -548,7 +583,6 @@ impl Exchange {
                 Some(Heard::Answer {
                     id: packet.id,
                     error,
-                    raw,
                 })
             }
         }

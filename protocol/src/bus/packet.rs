@@ -322,6 +322,14 @@ impl Parser {
         self.whole_at = 0;
     }
 
+    /// As new, in place: packets up to `longest`.
+    pub(super) fn renew(&mut self, longest: usize) {
+        self.clear();
+        self.ended = false;
+        self.counters = ParserCounters::default();
+        self.set_longest(longest);
+    }
+
     /// Whether no byte waits for more.
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -464,6 +472,10 @@ impl Parser {
 /// Removes the FD that follows every FF FF FD.
 fn unstuff(raw: &[u8], out: &mut PacketBuf) {
     out.clear();
+    if !raw.contains(&0xFD) {
+        let _ = out.extend_from_slice(raw);
+        return;
+    }
     let mut run = 0_u8;
     for &byte in raw {
         if run == 3 {
