@@ -113,7 +113,17 @@ FIRST_SCREEN = """(() => {
   return seen.join(" ").split(/\\s+/).join(" ");
 })()"""
 
-# Mean difference of two pictures in grey, from 0 to 1, each shrunk so that single letters do not count.
+# A page on which nothing stands.
+BLANK = """(() => {
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [1100, 760];
+  const pen = canvas.getContext("2d");
+  pen.fillStyle = "white";
+  pen.fillRect(0, 0, 1100, 760);
+  return canvas.toDataURL("image/png").split(",")[1];
+})()"""
+
+# Mean difference of two pictures, from 0 to 1, each shrunk so that single letters do not count.
 DIFFERENCE = """(async () => {
   const small = async data => {
     const image = new Image();
@@ -146,11 +156,14 @@ def pictures(browser, new, old, pages):
         data = browser.call("Page.captureScreenshot", format="png")["data"]
         with open(os.path.join(new, name + ".png"), "wb") as file:
             file.write(base64.b64decode(data))
-        reference = os.path.join(old, name + ".png")
-        if os.path.exists(reference):
-            with open(reference, "rb") as file:
-                before = base64.b64encode(file.read()).decode()
-            seen["difference"] = browser.value(DIFFERENCE % (data, before))
+        # A measure that takes a blank page or another report for this one measures nothing.
+        references = {"blank": browser.value(BLANK)}
+        for file_name in sorted(os.listdir(old)):
+            with open(os.path.join(old, file_name), "rb") as file:
+                references[os.path.splitext(file_name)[0]] = base64.b64encode(file.read()).decode()
+        differences = {key: browser.value(DIFFERENCE % (data, before)) for key, before in references.items()}
+        seen["difference"] = differences.pop(name, None)
+        seen["difference_of_others"] = min(differences.values())
         seen["dark"] = dark(browser)
         browser.screen(360, 740, mobile=True)
         seen["phone_width_px"] = browser.value("document.documentElement.scrollWidth")
