@@ -91,8 +91,8 @@ impl Context {
         }))
     }
 
-    /// The port for a command that records or moves. Without a person at a terminal who reads the warning, the emulated robot is
-    /// only taken when it was named: a loose cable must not become a recording.
+    /// The port for a command that records, moves, stops or changes the robot. Without a person at a terminal who reads the warning,
+    /// the emulated robot is only taken when it was named: a loose cable must not become a recording, nor a STOP that stops nothing.
     ///
     /// # Errors
     /// Exit code 4 when several robots answer, 2 when none does and nobody reads a warning.
@@ -101,7 +101,7 @@ impl Context {
             return self.port();
         }
         self.found_port()?.ok_or_else(|| {
-            let message = "no robot was found, and a command that moves or records takes the emulated one only when it is named";
+            let message = "no robot was found, and a command that moves, changes or records one takes the emulated one only when it is named";
             Failure::say(Exit::Usage, message)
                 .hint("give -p sim: for the emulated robot, or name the robot's port with -p; `rb-host doctor` looks for it")
         })
@@ -159,6 +159,14 @@ impl Context {
     /// Exit codes 4, 5, 6.
     pub fn connect(&self) -> Outcome<Robot> {
         self.connect_to(&self.port()?)
+    }
+
+    /// Opens the port of [`Self::port_to_move`] and says HELLO.
+    ///
+    /// # Errors
+    /// Exit codes 2, 4, 5, 6.
+    pub fn connect_to_change(&self) -> Outcome<Robot> {
+        self.connect_to(&self.port_to_move()?)
     }
 
     /// Opens a given port and says HELLO.

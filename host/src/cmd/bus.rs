@@ -83,9 +83,12 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
     if let Action::Use { kind } = &args.action {
         return super::bus_kind::tell(context, kind);
     }
-    let mut way = match &args.direct {
-        Some(path) => BusWay::direct(path)?,
-        None => BusWay::Robot(Box::new(context.connect()?)),
+    let mut way = match (&args.direct, &args.action) {
+        (Some(path), _) => BusWay::direct(path)?,
+        (None, Action::Write { .. } | Action::Bench { .. }) => {
+            BusWay::Robot(Box::new(context.connect_to_change()?))
+        }
+        (None, _) => BusWay::Robot(Box::new(context.connect()?)),
     };
     match &args.action {
         Action::Scan => super::bus_kind::scan(context, &mut way),

@@ -163,7 +163,7 @@ struct Told {
 /// Tells the robot what it is and the kind of its drivers, and waits until they have their settings.
 pub(super) fn tell(context: &Context, kind: &str) -> Outcome {
     let told = read_kind(kind)?;
-    let mut robot = context.connect()?;
+    let mut robot = context.connect_to_change()?;
     let tag = Tag::NONE;
     if let Some(machine) = &told.machine {
         let robot_told = WireRobot::from(machine);

@@ -157,7 +157,7 @@ fn key_path(context: &Context) -> Outcome {
 }
 
 fn set_key(context: &Context) -> Outcome {
-    let mut robot = context.connect()?;
+    let mut robot = context.connect_to_change()?;
     let id = robot.hello().robot_id;
     if robot.hello().keyed {
         super::confirm(

@@ -35,7 +35,7 @@ const REFRESH: Duration = Duration::from_millis(200);
 /// # Errors
 /// Exit codes 4, 5, 6.
 pub fn run(args: &Args, context: &Context) -> Outcome {
-    let mut robot = context.connect()?;
+    let mut robot = context.connect_to_change()?;
     let rate = if args.rate == "100" {
         TelemetryRate::Fast
     } else {

@@ -22,7 +22,7 @@ pub struct Args {
 /// # Errors
 /// Exit codes 4, 5, 6, 7.
 pub fn run(args: &Args, context: &Context) -> Outcome {
-    let mut robot = context.connect()?;
+    let mut robot = context.connect_to_change()?;
     if args.fault {
         robot.order(&ToModule::ClearFault { tag: Tag::NONE })?;
         let info = robot.info()?;

@@ -36,7 +36,10 @@ enum Action {
 /// # Errors
 /// Exit codes 4, 5, 6, 7.
 pub fn run(args: &Args, context: &Context) -> Outcome {
-    let mut robot = context.connect()?;
+    let mut robot = match args.action {
+        Some(Action::List) | None => context.connect()?,
+        Some(_) => context.connect_to_change()?,
+    };
     match args.action {
         Some(Action::Activate { slot }) => robot.order(&ToModule::ActivateSlot {
             slot,

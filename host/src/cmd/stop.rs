@@ -15,7 +15,7 @@ pub struct Args {}
 /// # Errors
 /// Exit codes 4, 5, 6.
 pub fn run(_args: &Args, context: &Context) -> Outcome {
-    let mut robot = context.connect()?;
+    let mut robot = context.connect_to_change()?;
     robot.finish_in_peace();
     let stopped = robot.stop().map_err(|error| match error {
         LinkError::Unproved | LinkError::StillMoving => Failure::from(error),

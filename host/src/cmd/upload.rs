@@ -59,7 +59,7 @@ pub fn run(args: &Args, context: &Context) -> Outcome {
         });
         return Ok(());
     }
-    let mut robot = context.connect();
+    let mut robot = context.connect_to_change();
     if !args.skip_host_check {
         let machine = upload::machine_of(&mut robot)?;
         upload::host_check(context, &gait, &args.gait, &machine)?;

@@ -41,7 +41,7 @@ fn joint_number(text: &str, machine: &Machine) -> Outcome<usize> {
 /// # Errors
 /// Exit codes 2, 4, 5, 6, 7.
 pub fn run(args: &Args, context: &Context) -> Outcome {
-    let mut robot = context.connect()?;
+    let mut robot = context.connect_to_change()?;
     let machine = robot.machine()?;
     let mut joint_mask = 0;
     for joint in &args.joint {

@@ -233,6 +233,18 @@ fn nothing_is_overwritten_unasked_and_always_with_exit_code_2() {
             "{args:?}"
         );
     }
+    // Told before the work: these runs would take an hour.
+    std::fs::create_dir(folder.path("full")).unwrap();
+    folder.write("full/notes.txt", "precious");
+    let long = [
+        "sim", &crawl, "-d", "600s", "--repeat", "6000", "-o", "full",
+    ];
+    let done = rb(&folder, &long).expect(2);
+    assert!(
+        done.err.contains("full exists and is not empty"),
+        "{}",
+        done.err
+    );
     // A folder of other things is no place for a search, and a missing one is told before the work.
     std::fs::create_dir(folder.path("mine")).unwrap();
     folder.write("mine/notes.txt", "precious");
@@ -258,6 +270,18 @@ fn without_a_person_the_emulated_robot_must_be_named() {
         &["run", &crawl, "-d", "1s", "--dataset", "set"],
         &["gap", "collect", &crawl, "-d", "1s", "-o", "set"],
         &["hybrid", "-o", "h"],
+        &["upload", &crawl],
+        &["slots", "activate", "0"],
+        &["slots", "erase", "0", "--yes"],
+        // A STOP that stops nothing must not look like one that did.
+        &["stop"],
+        &["zero", "--yes"],
+        &["reset"],
+        &["bus", "write", "2", "goal-position", "100"],
+        &["bus", "bench", "-d", "1s"],
+        &["bus", "use", "xm430"],
+        &["config", "key", "set"],
+        &["monitor", "-d", "1s"],
     ] {
         let done = rb(&folder, args).expect(2);
         assert!(
