@@ -168,21 +168,67 @@ pub fn make_folder(path: &Path) -> Outcome {
     })
 }
 
-/// Makes a folder that must be empty.
+/// Stands in a folder while a command fills it. Where it is left, the command was cut off, and the same command fills the folder anew.
+const UNFINISHED: &str = ".unfinished";
+
+/// Begins a folder that must be empty, or one that a cut-off command left; [`finish`] ends it.
 ///
 /// # Errors
-/// Exit code 2 when it holds something; 1 when the disk refuses.
-pub fn make_empty(folder: &Path) -> Outcome {
+/// Exit code 2 when it holds something else; 1 when the disk refuses.
+pub fn begin(folder: &Path) -> Outcome {
     must_be_empty(folder)?;
-    make_folder(folder)
+    make_folder(folder)?;
+    write_part(
+        &folder.join(UNFINISHED),
+        b"A command is filling this folder, or was cut off; the same command fills it anew.\n",
+    )
 }
 
-/// Checks, before any long work, that a folder is empty or not there.
+/// Ends a folder that [`begin`] began: all files are there.
+///
+/// # Errors
+/// Exit code 1 when the disk refuses.
+pub fn finish(folder: &Path) -> Outcome {
+    let mark = folder.join(UNFINISHED);
+    match std::fs::remove_file(&mark) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            let message = format!("cannot remove {}: {error}", mark.display());
+            Err(Failure::say(Exit::Other, message))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Writes a folder of texts, with `force` beside what it holds already; gives their paths.
+///
+/// # Errors
+/// As [`begin`] and [`finish`].
+pub fn write_folder(
+    folder: &Path,
+    files: &[(String, String)],
+    force: bool,
+) -> Outcome<Vec<PathBuf>> {
+    match force {
+        true => make_folder(folder)?,
+        false => begin(folder)?,
+    }
+    let mut written = Vec::new();
+    for (name, text) in files {
+        let path = folder.join(name);
+        write(&path, text.as_bytes())?;
+        written.push(path);
+    }
+    finish(folder)?;
+    Ok(written)
+}
+
+/// Checks, before any long work, that a folder is empty, not there, or left by a cut-off command.
 ///
 /// # Errors
 /// Exit code 2 when it holds something.
 pub fn must_be_empty(folder: &Path) -> Outcome {
-    if std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
+    let holds = std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
+    if holds && !folder.join(UNFINISHED).exists() {
         let message = format!("{} exists and is not empty", folder.display());
         return Err(Failure::say(Exit::Usage, message).hint("name another folder"));
     }

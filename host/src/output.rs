@@ -5,11 +5,11 @@
 
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::path::Path;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use clap::ColorChoice;
-use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use serde_json::{Value, json};
 
 use crate::failure::{Exit, Failure, Outcome};
@@ -210,6 +210,25 @@ impl Output {
         )
     }
 
+    /// Phases of work of unequal length, hidden as [`Self::progress`].
+    #[must_use]
+    pub fn phases(&self, what: &str) -> Phases {
+        let template = "{spinner} {msg}, {elapsed}{left}";
+        let bar = self.bar(ProgressBar::new_spinner(), template, what);
+        let begun = Arc::new(Mutex::new(Begun::default()));
+        let key = Arc::clone(&begun);
+        let left = move |state: &ProgressState, out: &mut dyn core::fmt::Write| {
+            let begun = *key.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(left_s) = begun.left_s(state.elapsed().as_secs_f64()) {
+                let _ = write!(out, ", about {left_s:.0} s left");
+            }
+        };
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            bar.set_style(style.with_key("left", left));
+        }
+        Phases { bar, begun }
+    }
+
     fn bar(&self, bar: ProgressBar, template: &str, what: &str) -> ProgressBar {
         if self.level == Level::Quiet || !io::stderr().is_terminal() {
             bar.set_draw_target(ProgressDrawTarget::hidden());
@@ -222,6 +241,44 @@ impl Output {
         bar.set_message(terminal::clean(what).into_owned());
         bar.enable_steady_tick(Duration::from_millis(250));
         bar
+    }
+}
+
+/// When the present phase began, and which share of the work is usually done by then.
+#[derive(Debug, Clone, Copy, Default)]
+struct Begun {
+    share: f64,
+    at_s: f64,
+}
+
+impl Begun {
+    /// About how long the rest takes, s; `None` in the first phase, when nobody knows.
+    fn left_s(self, now_s: f64) -> Option<f64> {
+        let Self { share, at_s } = self;
+        let whole_s = at_s / share;
+        (share > 0.0).then(|| (whole_s - now_s).max(1.0))
+    }
+}
+
+/// A line on the terminal with the present phase, the time so far and about how long the rest takes; it goes when dropped.
+#[derive(Debug)]
+pub struct Phases {
+    bar: ProgressBar,
+    begun: Arc<Mutex<Begun>>,
+}
+
+impl Phases {
+    /// A phase begins, at which this share of the work is usually done, from 0 to 1.
+    pub fn begin(&self, what: &str, share: f64) {
+        let at_s = self.bar.elapsed().as_secs_f64();
+        *self.begun.lock().unwrap_or_else(PoisonError::into_inner) = Begun { share, at_s };
+        self.bar.set_message(terminal::clean(what).into_owned());
+    }
+}
+
+impl Drop for Phases {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
     }
 }
 
@@ -251,4 +308,19 @@ fn with_schema(schema: &str, value: Value) -> Value {
         }
     }
     Value::Object(object)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Begun;
+
+    #[test]
+    fn the_rest_is_what_the_shares_of_the_phases_say() {
+        let begun = |share, at_s| Begun { share, at_s };
+        assert_eq!(begun(0.0, 0.0).left_s(9.0), None);
+        assert_eq!(begun(0.25, 10.0).left_s(10.0), Some(30.0));
+        assert_eq!(begun(0.25, 10.0).left_s(25.0), Some(15.0));
+        // A phase that takes longer than usual is about to end.
+        assert_eq!(begun(0.5, 10.0).left_s(60.0), Some(1.0));
+    }
 }

@@ -253,7 +253,7 @@ fn robot(
     }
     if let Some(folder) = &args.film {
         // Before anyone works for an hour.
-        disk::make_empty(folder)?;
+        disk::begin(folder)?;
     }
     let mut robot = sim::robot_of(scenario)?;
     let mut last = None;
@@ -266,9 +266,10 @@ fn robot(
     })
     .map_err(endpoint_failed)?;
     if let (Some(folder), Some(lab)) = (&args.film, EmulatedLab::beside(&robot)) {
-        lab.seen.film.write(folder)?;
+        lab.seen.film.write_into(folder)?;
         let track = beside::track_csv(&lab.seen.base);
         disk::write(&folder.join("track.csv"), track.as_bytes())?;
+        disk::finish(folder)?;
         let (frames, folder) = (lab.seen.film.frames.len(), folder.display());
         context.out.say(format_args!(
             "{frames} frames in {folder}, on the camera's clock"

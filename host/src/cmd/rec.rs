@@ -394,15 +394,6 @@ fn cat(context: &Context, path: &Path, only: Option<u32>, events: bool) -> Outco
     Ok(())
 }
 
-fn export_failed(error: dataset::ExportError) -> Failure {
-    match error {
-        dataset::ExportError::NotEmpty { .. } => {
-            Failure::new(Exit::Usage, error).hint("name another folder")
-        }
-        error => Failure::new(Exit::Other, error),
-    }
-}
-
 fn pick(recording: &Recording, run: u32) -> Outcome<&crate::recording::RunData> {
     let found = recording
         .runs
@@ -451,7 +442,10 @@ fn convert(
                 .file_stem()
                 .and_then(|s| s.to_str())
                 .unwrap_or("recording");
-            dataset::export(&recording, name, output).map_err(export_failed)?
+            disk::must_be_empty(output)?;
+            let files = dataset::export(&recording, name);
+            let files = files.map_err(|error| Failure::new(Exit::Other, error))?;
+            disk::write_folder(output, &files, false)?
         }
         Form::Attachments => attachments(&recording, output, force)?,
     };

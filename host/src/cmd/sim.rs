@@ -76,6 +76,9 @@ pub fn run(args: &Args, context: &Context) -> Done {
         .iter()
         .map(|path| crate::gait_file::load(path))
         .collect::<Done<Vec<Gait>>>()?;
+    if let Some(folder) = &args.output {
+        disk::must_be_empty(folder)?;
+    }
     let runs: Vec<(usize, u16)> = (0..gaits.len())
         .flat_map(|g| (0..args.repeat.max(1)).map(move |r| (g, r)))
         .collect();
@@ -207,7 +210,7 @@ impl<'a> Writer<'a> {
         robot: Option<&'a RobotFile>,
         context: &'a Context,
     ) -> Done<Self> {
-        disk::make_empty(folder)?;
+        disk::begin(folder)?;
         disk::make_folder(&folder.join("gaits"))?;
         Ok(Self {
             folder,
@@ -266,7 +269,7 @@ impl<'a> Writer<'a> {
             // The data set format knows the meta-module and the bench, so another robot's runs have no manifest.
             Some(robot) => disk::write(&self.folder.join("robot.toml"), robot.text.as_bytes())?,
         }
-        Ok(())
+        disk::finish(self.folder)
     }
 
     fn film(&self, name: &str, trial: &Trial, outcome: &Outcome, start_m: [f32; 2]) -> Done {
@@ -285,7 +288,7 @@ impl<'a> Writer<'a> {
             .film(&motion, RATE_HZ, &rows, frames, 1, placement)
             .map_err(|e| Failure::new(Exit::BadFile, e))?;
         let t_s = (0..film.len()).map(|k| k as f64 / RATE_HZ).collect();
-        Frames { t_s, frames: film }.write(&self.folder.join(name))
+        Frames { t_s, frames: film }.write_into(&self.folder.join(name))
     }
 }
 

@@ -1,9 +1,6 @@
 //! A recording as a data set folder: `dataset.toml`, one CSV per run, the attached gait and model.
 
 use std::fmt::Write as _;
-use std::fs;
-use std::io;
-use std::path::{Path, PathBuf};
 
 use control::robot::JOINTS;
 
@@ -13,12 +10,6 @@ use super::reader::Recording;
 /// Why the folder was not written.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// The folder exists and is not empty.
-    #[error("{path} exists and is not empty")]
-    NotEmpty {
-        /// The folder.
-        path: PathBuf,
-    },
     /// The recording has no run with samples.
     #[error("the recording holds no samples")]
     NoSamples,
@@ -30,29 +21,13 @@ pub enum ExportError {
         /// Joints of the robot.
         joints: usize,
     },
-    /// Writing failed.
-    #[error("cannot write {path}")]
-    Write {
-        /// File or folder.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
 }
 
-/// Writes the folder and returns the files in it.
+/// Name and text of each file of the folder, `dataset.toml` last.
 ///
 /// # Errors
 /// [`ExportError`]
-pub fn export(
-    recording: &Recording,
-    name: &str,
-    folder: &Path,
-) -> Result<Vec<PathBuf>, ExportError> {
-    let write_error = |path: &Path| {
-        let path = path.to_owned();
-        move |source| ExportError::Write { path, source }
-    };
+pub fn export(recording: &Recording, name: &str) -> Result<Vec<(String, String)>, ExportError> {
     let runs: Vec<_> = recording
         .runs
         .iter()
@@ -68,12 +43,6 @@ pub fn export(
     if let Some(joints) = joints.into_iter().find(|joints| *joints != JOINTS) {
         return Err(ExportError::OtherRobot { joints });
     }
-    if fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
-        return Err(ExportError::NotEmpty {
-            path: folder.to_owned(),
-        });
-    }
-    fs::create_dir_all(folder).map_err(write_error(folder))?;
     let mut files: Vec<(String, String)> = Vec::new();
     let mut manifest = format!(
         "format = 1\nrobot = \"metamodule\"\nname = {}\n",
@@ -97,14 +66,7 @@ pub fn export(
         files.push((file, csv::to_csv(run)));
     }
     files.push(("dataset.toml".to_owned(), manifest));
-    files
-        .into_iter()
-        .map(|(file, text)| {
-            let path = folder.join(file);
-            fs::write(&path, text).map_err(write_error(&path))?;
-            Ok(path)
-        })
-        .collect()
+    Ok(files)
 }
 
 fn quoted(text: &str) -> String {

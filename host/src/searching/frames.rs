@@ -71,8 +71,9 @@ impl Frames {
     /// # Errors
     /// Exit code 2 when the folder holds something; 1 when the disk refuses.
     pub fn write(&self, folder: &Path) -> Outcome {
-        disk::make_empty(folder)?;
-        self.write_into(folder)
+        disk::begin(folder)?;
+        self.write_into(folder)?;
+        disk::finish(folder)
     }
 
     /// Writes into a folder, over frames that it may hold.

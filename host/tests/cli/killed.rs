@@ -8,13 +8,18 @@ use crate::rig::{Folder, command, gait, rb};
 
 /// Runs until `seen` stands in the folder, then kills without warning; false when the command ended before.
 fn killed_at(folder: &Folder, args: &[&str], seen: &str) -> bool {
+    killed_when(folder, args, |folder| folder.path(seen).exists())
+}
+
+/// Runs until `now`, then kills without warning; false when the command ended before.
+fn killed_when(folder: &Folder, args: &[&str], now: impl Fn(&Folder) -> bool) -> bool {
     let mut child = command(folder, args)
         .stdout(Stdio::null())
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
     let ended = loop {
-        if folder.path(seen).exists() {
+        if now(folder) {
             break false;
         }
         if child.try_wait().unwrap().is_some() {
@@ -119,5 +124,151 @@ fn a_cycle_that_was_killed_again_and_again_ends_with_the_bytes_of_a_whole_one() 
     assert_eq!(names, expected.keys().collect::<Vec<_>>());
     for (name, bytes) in &expected {
         assert!(found[name] == *bytes, "{name} differs");
+    }
+}
+
+/// Files and folders below a folder.
+fn entries(path: &Path) -> usize {
+    let inside = std::fs::read_dir(path).into_iter().flatten().flatten();
+    inside.map(|entry| 1 + entries(&entry.path())).sum()
+}
+
+/// A search of three iterations.
+const SEARCH: &str = "format = 1\nparticles = 6\niterations = 3\nseed = 9\n\
+    [space]\nduration_s = 2\n[score]\nrepetitions = 2\n[select]\ncount = 2\nbest = 1\ntraining = 1\n";
+
+/// What the commands below read: two filmed gaits, a recording, settings, a patch.
+fn inputs(folder: &Folder) {
+    let (crawl, roll) = (gait("crawl.toml"), gait("roll.toml"));
+    folder.write("search.toml", SEARCH);
+    let films = [
+        "sim", &crawl, &roll, "-d", "1s", "--camera", "--repeat", "2", "-o", "films",
+    ];
+    rb(folder, &films).expect(0);
+    let run = ["-p", "sim:", "run", &crawl, "-d", "1s", "-r", "run.mcap"];
+    rb(folder, &run).expect(0);
+    let servo = format!("{}/../examples/servo", env!("CARGO_MANIFEST_DIR"));
+    let report = [
+        "gap",
+        "report",
+        &servo,
+        "--patch",
+        "patch.toml",
+        "--time-limit",
+        "0s",
+    ];
+    rb(folder, &report).expect(0);
+}
+
+/// Commands that fill a folder `out`. Where the second is given, it goes on from a checkpoint.
+fn fillers() -> Vec<(Vec<String>, Option<Vec<String>>)> {
+    let crawl = gait("crawl.toml");
+    let servo = format!("{}/../examples/servo", env!("CARGO_MANIFEST_DIR"));
+    let words = |line: &str| -> Vec<String> {
+        let line = line.replace("CRAWL", &crawl).replace("SERVO", &servo);
+        line.split_whitespace().map(str::to_owned).collect()
+    };
+    [
+        ("sim CRAWL -d 1s --camera --repeat 3 -o out", None),
+        ("camera import films/crawl_1 -o out", None),
+        ("camera simulate films --run crawl_1 -o out", None),
+        ("rec convert run.mcap --to dataset -o out", None),
+        ("gap predict SERVO --patch patch.toml -o out", None),
+        ("emulate films CRAWL -d 2s --repeat 2 -o out", None),
+        (
+            "-p sim: gap collect CRAWL -d 1s --warm 0s --repeat 2 -o out",
+            None,
+        ),
+        (
+            "optimise gait -o out -s search.toml -j 1",
+            Some("optimise gait -o out --resume -j 1"),
+        ),
+        (
+            "optimise model films -o out --training crawl --rows 3 --particles 4 --iterations 3 -j 1",
+            Some("optimise model films -o out --resume -j 1"),
+        ),
+    ]
+    .map(|(begin, resume): (&str, Option<&str>)| (words(begin), resume.map(words)))
+    .into()
+}
+
+#[test]
+fn a_command_that_was_killed_while_it_filled_a_folder_fills_it_in_the_end() {
+    for (begin, resume) in fillers() {
+        let [whole, pieces] = ["cut-none", "cut-often"].map(Folder::new);
+        inputs(&whole);
+        inputs(&pieces);
+        let words = |args: &[String]| {
+            args.iter()
+                .map(String::as_str)
+                .collect::<Vec<_>>()
+                .join(" ")
+        };
+        let line: Vec<&str> = begin.iter().map(String::as_str).collect();
+        rb(&whole, &line).expect(0);
+        let expected = tree(&whole.path("out"));
+        let next = || match &resume {
+            Some(resume) if pieces.path("out/checkpoint.json").exists() => resume.clone(),
+            _ => begin.clone(),
+        };
+        for count in [1, 2, 3, 5, 8, 13, 21, 34] {
+            let args = next();
+            let args: Vec<&str> = args.iter().map(String::as_str).collect();
+            killed_when(&pieces, &args, |folder| {
+                entries(&folder.path("out")) >= count
+            });
+        }
+        let last = next();
+        let last: Vec<&str> = last.iter().map(String::as_str).collect();
+        let again = rb(&pieces, &last);
+        // The command may have been quicker than the last cut: then its folder is whole.
+        let done = again.code == 0 || (again.code == 2 && again.err.contains("not empty"));
+        assert!(done, "{}: {again:?}", words(&begin));
+        let found = tree(&pieces.path("out"));
+        let names: Vec<&String> = found.keys().collect();
+        assert_eq!(
+            names,
+            expected.keys().collect::<Vec<_>>(),
+            "{}",
+            words(&begin)
+        );
+        for (name, bytes) in &expected {
+            assert!(found[name] == *bytes, "{}: {name} differs", words(&begin));
+        }
+    }
+}
+
+#[test]
+fn a_diagnosis_that_was_killed_leaves_whole_files_or_none() {
+    let folder = Folder::new("cut-report");
+    let servo = format!("{}/../examples/servo", env!("CARGO_MANIFEST_DIR"));
+    let report = [
+        "gap",
+        "report",
+        &servo,
+        "--time-limit",
+        "0s",
+        "--force",
+        "-o",
+        "r.html",
+        "--json-file",
+        "v.json",
+        "--patch",
+        "p.toml",
+    ];
+    let files = ["r.html", "v.json", "p.toml"];
+    for seen in ["r.html.new", "r.html", "v.json.new", "v.json", "p.toml.new"] {
+        for name in files {
+            let _ = std::fs::remove_file(folder.path(name));
+        }
+        killed_at(&folder, &report, seen);
+        let text = |name: &str| std::fs::read_to_string(folder.path(name)).ok();
+        assert!(text("r.html").is_none_or(|html| html.trim_end().ends_with("</html>")));
+        let json = text("v.json");
+        assert!(json.is_none_or(|v| serde_json::from_str::<serde_json::Value>(&v).is_ok()));
+    }
+    rb(&folder, &report).expect(0);
+    for name in files {
+        assert!(!folder.path(&format!("{name}.new")).exists(), "{name}.new");
     }
 }

@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 
 use hil_sim::endpoint::{Endpoint, Pty};
 
-use crate::rig::{Emulator, Folder, command, gait, rb};
+use crate::rig::{Emulator, Folder, command, gait, rb, trials};
 
 /// Longest wait of a test for something that must come.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(300);
 const SLICE: Duration = Duration::from_millis(20);
 
 /// A terminal, and what was written to it so far.
@@ -91,6 +91,63 @@ fn long_commands_show_how_far_they_are() {
             "{args:?}: {seen}"
         );
     }
+}
+
+/// Starts a command on a terminal, waits for words on it, and kills the command.
+fn shown_at_work(folder: &Folder, args: &[&str], words: &[&str]) {
+    let mut terminal = Terminal::new();
+    let mut child = command(folder, args)
+        .stdout(Stdio::null())
+        .stderr(terminal.side())
+        .spawn()
+        .unwrap();
+    for words in words {
+        terminal.wait_for(words);
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
+fn a_diagnosis_shows_its_phase_and_the_time_that_is_left() {
+    let folder = Folder::new("phases");
+    let servo = format!("{}/../examples/servo", env!("CARGO_MANIFEST_DIR"));
+    let report = ["gap", "report", &servo, "-o", "r.html"];
+    shown_at_work(&folder, &report, &["searching effect", "s left"]);
+    let predict = ["gap", "predict", &servo, "-o", "p"];
+    shown_at_work(&folder, &predict, &["searching effect", "s left"]);
+    trials(
+        &folder,
+        &["make-case", "none", "--gaits", "2", "-o", "./case"],
+    )
+    .expect("a case");
+    let phases = ["(1 of 7)", "(2 of 7)", "s left"];
+    shown_at_work(&folder, &["gap", "report", "case"], &phases);
+    shown_at_work(
+        &folder,
+        &["gap", "predict", "case", "-o", "p"],
+        &phases[..1],
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn a_prediction_that_was_stopped_writes_nothing() {
+    let folder = Folder::new("predict-stopped");
+    let servo = format!("{}/../examples/servo", env!("CARGO_MANIFEST_DIR"));
+    let mut terminal = Terminal::new();
+    let mut child = command(&folder, &["gap", "predict", &servo, "-o", "p"])
+        .stdout(Stdio::null())
+        .stderr(terminal.side())
+        .spawn()
+        .unwrap();
+    terminal.wait_for("searching effect");
+    let id = child.id().to_string();
+    Command::new("kill").args(["-INT", &id]).status().unwrap();
+    let code = terminal.until_end(&mut child);
+    assert_eq!(code, Some(130), "{}", terminal.seen);
+    assert!(terminal.seen.contains("stopped; nothing was written"));
+    assert!(!folder.path("p").exists());
 }
 
 #[test]

@@ -84,7 +84,7 @@ pub(super) fn import(args: &ImportArgs, context: &Context) -> Outcome {
     }
     let folder = DataFolder::open(&args.source).map_err(|e| disk::bad_file(&args.source, &e))?;
     let sources = sources(&folder, &args.source, args.rate)?;
-    disk::make_empty(&args.output)?;
+    disk::begin(&args.output)?;
     let bar = context.out.progress(sources.len() as u64, "importing");
     let names = sources
         .par_iter()
@@ -108,6 +108,7 @@ pub(super) fn import(args: &ImportArgs, context: &Context) -> Outcome {
         let _ = writeln!(text, "{:.6},{name}", source.t_s);
     }
     disk::write(&args.output.join(INDEX), text.as_bytes())?;
+    disk::finish(&args.output)?;
     let kind = if first.ends_with("pgm") {
         "depth frames"
     } else {
@@ -276,6 +277,7 @@ fn read_depth(path: &Path, opened: std::io::Result<File>) -> Outcome<DepthFrame>
 
 /// Cuts the robot out of every frame.
 pub(super) fn silhouette(args: &SilhouetteArgs, context: &Context) -> Outcome {
+    disk::must_be_empty(&args.output)?;
     let (folder, listed) = recorded(&args.depth)?;
     let ground = match &args.background {
         Some(path) => read_depth(path, disk::open_regular(path))?,

@@ -29,6 +29,7 @@ pub(super) struct SimulateArgs {
 
 /// Films the simulation of a run: same gait, same start, same camera, shifted in time as the model says.
 pub(super) fn run(args: &SimulateArgs, context: &Context) -> Outcome {
+    crate::disk::must_be_empty(&args.output)?;
     let model = crate::model_file::load(args.model.as_deref())?;
     let (data, manifest) = films::read_manifest(&args.data)?;
     let filmed = manifest.runs.iter().filter(|run| run.frames.is_some());
