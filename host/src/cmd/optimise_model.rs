@@ -53,9 +53,9 @@ pub(super) struct ModelArgs {
     /// Particles
     #[arg(long, value_name = "N", default_value_t = PAPER_PARTICLES, conflicts_with = "resume")]
     particles: usize,
-    /// Iterations in all; with --resume a fit can be made longer
-    #[arg(long, value_name = "N", default_value_t = PAPER_ITERATIONS)]
-    iterations: u32,
+    /// Iterations in all [default: 100]; with --resume a fit can be made longer
+    #[arg(long, value_name = "N")]
+    iterations: Option<u32>,
     /// Seed of everything random
     #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "resume")]
     seed: u64,
@@ -84,6 +84,14 @@ struct Stored {
     stride: u32,
     /// Checksum of the films the fit has seen.
     films: u64,
+    /// Iterations that were asked for.
+    #[serde(default = "paper_iterations")]
+    iterations: u32,
+}
+
+/// What a fit was asked for that does not say so.
+fn paper_iterations() -> u32 {
+    PAPER_ITERATIONS
 }
 
 /// Fits and prints Tables II and III.
@@ -112,6 +120,7 @@ pub(super) fn run(args: &ModelArgs, context: &Context) -> Outcome {
             .hint("name them with --training g01,g03,... or give their runs role = \"fit\"")
     })?;
     let mut stored = told.open(args, &folder, checksum(&gaits))?;
+    stored.iterations = args.iterations.unwrap_or(stored.iterations);
     let read_s = begun.elapsed().as_secs_f64();
     let interrupted = iterate(args, &mut stored, &likeness, &trials, &folder, context)?;
     let report = Report {
@@ -178,6 +187,7 @@ impl Told {
             training: self.training.clone(),
             stride: self.stride,
             films,
+            iterations: args.iterations.unwrap_or(PAPER_ITERATIONS),
         };
         folder.write(START, self.model.to_toml().as_bytes())?;
         folder.store(&stored)?;
@@ -205,8 +215,10 @@ fn iterate(
 ) -> Outcome<bool> {
     let _grace = interrupt::grace("stopping after this iteration; the checkpoint is written");
     let begun = Instant::now();
-    let bar = context.out.progress(u64::from(args.iterations), "matching");
-    while stored.fit.swarm().iteration() < args.iterations {
+    let bar = context
+        .out
+        .progress(u64::from(stored.iterations), "matching");
+    while stored.fit.swarm().iteration() < stored.iterations {
         let late = args.time_limit.is_some_and(|t| begun.elapsed() >= t);
         if interrupt::pressed() || late {
             bar.finish_and_clear();
