@@ -125,6 +125,28 @@ fn folders_the_architecture_page_names_exist() {
     }
 }
 
+#[test]
+fn what_the_page_for_contributors_names_exists() {
+    let text = std::fs::read_to_string(root().join("CONTRIBUTING.md")).unwrap();
+    let prose: String = text.split("```").step_by(2).collect();
+    for path in named_paths(&prose) {
+        // A new file stands in a folder that is there.
+        let known = path.split("NAME").next().unwrap();
+        assert!(
+            root().join(known).exists(),
+            "CONTRIBUTING.md names `{path}`"
+        );
+    }
+    let commands = std::fs::read_to_string(root().join("xtask/src/main.rs")).unwrap();
+    for rest in text.split("cargo xtask ").skip(1) {
+        let word: String = rest.chars().take_while(char::is_ascii_lowercase).collect();
+        assert!(
+            commands.contains(&format!("Some(\"{word}\")")),
+            "CONTRIBUTING.md names `cargo xtask {word}`"
+        );
+    }
+}
+
 /// What makes test data is a program of its own.
 #[test]
 fn the_host_tool_reaches_no_generator_of_test_data() {
