@@ -22,8 +22,9 @@ fn main() {
     };
     let map = format!("src/board/{board}.x");
     println!("cargo::rerun-if-changed={map}");
+    println!("cargo::rerun-if-changed=../memory.x");
     let folder = PathBuf::from(std::env::var_os("OUT_DIR").expect("cargo sets OUT_DIR"));
-    if let Err(error) = std::fs::copy(&map, folder.join("memory.x")) {
+    if let Err(error) = std::fs::copy(&map, folder.join("board.x")) {
         println!("cargo::error=the memory map of board `{board}`, firmware/{map}: {error}");
     }
     println!("cargo::rustc-link-search={}", folder.display());
