@@ -18,7 +18,7 @@ fn info(robot: &mut EmulatedRobot, host: &mut SimHost) -> Info {
 }
 
 /// A robot in mid-run, `extra_us` after an instant of the grid.
-fn running(number: u8, extra_us: u64) -> (EmulatedRobot, SimHost) {
+pub(crate) fn running(number: u8, extra_us: u64) -> (EmulatedRobot, SimHost) {
     let (mut robot, mut host, digest) = ready(number);
     host.start(&mut robot, 0, digest, 60_000, TelemetryRate::Off)
         .expect("ready");
@@ -28,7 +28,7 @@ fn running(number: u8, extra_us: u64) -> (EmulatedRobot, SimHost) {
     (robot, host)
 }
 
-fn expect_end(robot: &mut EmulatedRobot, host: &mut SimHost) -> RunEnd {
+pub(crate) fn expect_end(robot: &mut EmulatedRobot, host: &mut SimHost) -> RunEnd {
     let end = host.wait_for_end(robot, 12_000_000).expect("the run ends");
     check_set_points(robot);
     for joint in 0..6 {
@@ -540,57 +540,6 @@ fn a_driver_that_comes_back_loses_torque_before_its_watchdog_is_cleared() {
             assert!(!robot.motors().borrow().is_driving(joint), "joint {joint}");
         }
         assert!(!robot.motors().borrow().torque(joint));
-    }
-}
-
-/// A driver that restarted between its reading and torque-on got torque without a watchdog, and kept it to the end of the hold.
-#[test]
-fn a_driver_that_restarts_as_torque_goes_on_is_let_go_at_once() {
-    let mut caught = 0;
-    for (joint, after_us) in (0..6_000).step_by(250).enumerate() {
-        let joint = joint % 6;
-        let (mut robot, mut host, digest) = ready(0);
-        host.start(&mut robot, 0, digest, 1_000, TelemetryRate::Off)
-            .expect("ready");
-        let cycle_us = robot.now_us().next_multiple_of(50_000);
-        robot.run_until(cycle_us + after_us);
-        robot.motors().borrow_mut().restart(joint);
-        let mut bare_us = 0;
-        for _ in 0..2_000 {
-            robot.run_for(50);
-            let motors = robot.motors().borrow();
-            let bare = motors.torque(joint) && !motors.has_watchdog(joint);
-            bare_us += if bare { 50 } else { 0 };
-        }
-        assert!(
-            bare_us < 3_000,
-            "joint {joint}, {after_us} us: {bare_us} us"
-        );
-        caught += u32::from(bare_us > 0);
-        let end = expect_end(&mut robot, &mut host);
-        let joint = joint as u8;
-        assert_eq!(end.reason, EndReason::Fault(Fault::DriverReset { joint }));
-    }
-    assert!(
-        caught > 3,
-        "{caught} restarts fell between reading and torque"
-    );
-}
-
-/// A stalled task sent a set-point 47 ms after the reading it rests on.
-#[test]
-fn a_set_point_that_would_leave_late_does_not_leave() {
-    for stall_us in [10_000, 30_000, 46_000, 70_000] {
-        let (mut robot, _) = running(0, 10_000);
-        let begun_ns = robot.now_us() * 1_000;
-        robot.motors().borrow_mut().stall_once(stall_us);
-        robot.run_for(300_000);
-        check_set_points(&robot);
-        let taken = robot.motors().borrow().taken(3);
-        let taken = taken.iter().filter(|taken| taken.at_ns > begun_ns);
-        let late_us = taken.map(|taken| taken.at_ns / 1_000 % 50_000);
-        let most_us = late_us.max().expect("the run goes on");
-        assert!(most_us < 25_000, "{most_us} us, stalled for {stall_us} us");
     }
 }
 

@@ -11,5 +11,6 @@ mod run;
 mod security;
 mod serve;
 mod servos;
+mod torque;
 mod upload;
 mod withheld;
