@@ -1,14 +1,15 @@
 //! The module as master of the motor bus: which packets a cycle sends, and what the answers mean.
 //!
 //! ```text
-//! control cycle   read all ─▶ read again who is missing (2 x) ─▶ error register of who complains ─▶ decide ─▶
+//! control cycle   torque off, at rest and until it is certain ─▶
+//!                 read all ─▶ read again who is missing (2 x) ─▶ error register of who complains ─▶ decide ─▶
 //!                 torque off, drivers that come into use ─▶ watchdogs of new drivers, set and read back ─▶
 //!                 torque on, and read who got it ─▶ set-points ─▶ torque off for who has restarted ─▶
 //!                 a host's raw packet (not in motion)
 //! reading         read all
 //! ```
 //!
-//! Every phase is entered a bounded number of times per cycle, so the number of packets is bounded: at most 13, and two more
+//! Every phase is entered a bounded number of times per cycle, so the number of packets is bounded: at most 14, and two more
 //! for each driver that complains or is new. With all six drivers silent the three tries take 18.3 ms of the 50, with twelve 34.7 ms. Servos that
 //! come into use (not ours, not in motion) take [`SETUP_PACKETS`] more; a series without Sync Read is read one by one.
 
@@ -41,12 +42,14 @@ const SETUP_PACKETS: u8 = 12;
 const FRESH_US: u64 = control::CYCLE_US / 2;
 /// Tries of the reading after torque-on: one more than on a good wire. Who answers neither is read in the next cycle.
 const CONFIRMS: u8 = 2;
-/// Times that torque-off is repeated to drivers that cannot confirm it.
+/// Cycles in which torque-off is sent to drivers that cannot confirm it.
 pub(crate) const OFF_REPEATS: u8 = 3;
 
 /// Where in the cycle the bus is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
+    /// Who is to let go hears it before the drivers are read: silent ones would delay it by 18 ms.
+    OffFirst,
     /// `asked`: drivers read one by one in this try.
     Read {
         tries: u8,
@@ -98,6 +101,8 @@ pub struct Master {
     switched: u16,
     unread: u16,
     off_repeats: u8,
+    /// Torque-off was sent in this cycle.
+    off_told: bool,
     garbage_cycles: u8,
     heard_anything: bool,
     raw: Raw,
@@ -131,6 +136,7 @@ impl Master {
             switched: 0,
             unread: 0,
             off_repeats: OFF_REPEATS,
+            off_told: false,
             garbage_cycles: 0,
             heard_anything: false,
             raw: Raw::new(),
@@ -142,10 +148,11 @@ impl Master {
         self.slot = slot;
         self.heard_anything = false;
         let listening = self.raw.is_sent() && core.bus_job.is_some();
-        self.phase = if listening {
-            Phase::Raw
-        } else {
-            Phase::Read { tries: 0, asked: 0 }
+        self.off_told = false;
+        self.phase = match slot {
+            _ if listening => Phase::Raw,
+            Slot::Control => Phase::OffFirst,
+            Slot::Reading => Phase::Read { tries: 0, asked: 0 },
         };
     }
 
@@ -170,6 +177,7 @@ impl Master {
     fn advance(&mut self, core: &mut Core, now_us: u64) -> Option<Request> {
         let info = core.motors.info();
         let (request, next) = match self.phase {
+            Phase::OffFirst => (self.torque_off(core), Phase::Read { tries: 0, asked: 0 }),
             Phase::Read { tries, asked } => {
                 if (tries, asked) == (0, 0) {
                     self.asked_us = now_us;
@@ -393,11 +401,15 @@ impl Master {
         if core.command().torque {
             return None;
         }
+        // Once in a cycle to who cannot confirm it, and after the readings again to who has not heard it.
         let on = core.motors.mask(|motor| motor.torque() == Some(true));
-        if on == 0 && self.off_repeats == 0 {
+        let enough = self.off_told || self.off_repeats == 0;
+        if on == 0 && enough {
             return None;
         }
-        self.off_repeats = self.off_repeats.saturating_sub(1);
+        if !core::mem::replace(&mut self.off_told, true) {
+            self.off_repeats = self.off_repeats.saturating_sub(1);
+        }
         // Nobody that is known to be of another kind is written to.
         let wrong = core.motors.mask(|motor| motor.wrong(0).is_some());
         let all = core.motion.machine().all_joints();

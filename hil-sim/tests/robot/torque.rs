@@ -2,7 +2,12 @@
 
 use crate::common::{check_set_points, ready};
 use crate::faults::{expect_end, running};
+use hil_sim::robot::ideal::{IdealMotors, Trouble};
+use hil_sim::robot::wire::{MotorBus, Received};
+use hil_sim::robot::{EmulatedRobot, Setup};
+use protocol::bus::{Instruction, Register};
 use protocol::link::{EndReason, Fault, TelemetryRate};
+use std::collections::VecDeque;
 
 /// A driver that restarted between its reading and torque-on got torque without a watchdog, and kept it to the end of the hold.
 #[test]
@@ -53,4 +58,65 @@ fn a_set_point_that_would_leave_late_does_not_leave() {
         let most_us = late_us.max().expect("the run goes on");
         assert!(most_us < 25_000, "{most_us} us, stalled for {stall_us} us");
     }
+}
+
+/// It came after the readings: five silent drivers delayed it by 15 ms.
+#[test]
+fn the_stop_input_waits_for_no_silent_driver() {
+    for after_us in (1_000..50_000).step_by(7_000) {
+        let (mut robot, _) = running(0, 50_000);
+        let cycle_us = robot.now_us().next_multiple_of(50_000);
+        robot.run_until(cycle_us + after_us);
+        for joint in 1..6 {
+            robot.motors().borrow_mut().trouble(joint, Trouble::Missing);
+        }
+        robot.board().set_stop_input(true);
+        robot.run_until(cycle_us + 51_000);
+        assert!(!robot.motors().borrow().torque(0), "{after_us} us");
+    }
+}
+
+/// Ideal drivers, and when torque-off and readings left for them.
+struct Heard {
+    motors: IdealMotors,
+    /// Time in us, and whether it was torque-off.
+    packets: Vec<(u64, bool)>,
+}
+
+impl MotorBus for Heard {
+    fn transmit(&mut self, now_ns: u64, bytes: &[u8]) -> u64 {
+        let [low, high] = Register::TorqueEnable.address().to_le_bytes();
+        let off = bytes[7..10] == [Instruction::SyncWrite as u8, low, high];
+        if off || bytes[7] == Instruction::SyncRead as u8 {
+            self.packets.push((now_ns / 1_000, off));
+        }
+        self.motors.transmit(now_ns, bytes)
+    }
+
+    fn receive(&mut self, now_ns: u64, into: &mut VecDeque<Received>) {
+        self.motors.receive(now_ns, into);
+    }
+
+    fn advance(&mut self, now_ns: u64) {
+        self.motors.advance(now_ns);
+    }
+
+    fn next_event_ns(&self) -> Option<u64> {
+        self.motors.next_event_ns()
+    }
+}
+
+/// Drivers that answer nothing may have torque all the same. The wire carries no more of it than it did after the readings.
+#[test]
+fn after_a_restart_torque_off_is_first_in_three_cycles_and_then_no_more() {
+    let motors = Heard {
+        motors: IdealMotors::new(false),
+        packets: Vec::new(),
+    };
+    let mut robot = EmulatedRobot::with_motors(Setup::default(), motors);
+    robot.run_for(600_000);
+    let packets = robot.motors().borrow().packets.clone();
+    let offs: Vec<bool> = packets.iter().map(|packet| packet.1).collect();
+    assert_eq!(offs[..7], [true, false, true, false, true, false, false]);
+    assert!(offs.len() > 10 && !offs[7..].contains(&true), "{packets:?}");
 }

@@ -134,8 +134,8 @@ pub(crate) const PLANTED: &[Planted] = &[
         kind: "missed repeat",
         what: "torque off is said three times and never again",
         file: "firmware/src/app/exchange.rs",
-        find: "if on == 0 && self.off_repeats == 0 {",
-        put: "if self.off_repeats == 0 {",
+        find: "if on == 0 && enough {",
+        put: "if enough {",
         test: ("hil-sim", "robot"),
     },
     Planted {
@@ -424,6 +424,14 @@ pub(crate) const PLANTED: &[Planted] = &[
         file: "firmware/src/app/exchange.rs",
         find: "core.decide(now_us.saturating_sub(self.asked_us) <= FRESH_US);",
         put: "core.decide(FRESH_US > 0);",
+        test: ("hil-sim", "robot"),
+    },
+    Planted {
+        kind: "wrong order",
+        what: "torque-off waits for the readings of silent drivers",
+        file: "firmware/src/app/exchange.rs",
+        find: "Slot::Control => Phase::OffFirst,",
+        put: "Slot::Control => Phase::Read { tries: 0, asked: 0 },",
         test: ("hil-sim", "robot"),
     },
 ];
