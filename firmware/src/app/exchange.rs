@@ -202,18 +202,7 @@ impl Master {
                 };
                 (self.torque_off(core), Phase::Setup { packets })
             }
-            Phase::WatchdogOff => {
-                self.configure = 0;
-                if !core.command().torque || core.wants_torque_on() {
-                    let wants =
-                        |motor: &Motor| motor.needs_settings() && motor.torque() == Some(false);
-                    self.configure = core.motors.mask(wants);
-                    for motor in core.motors.iter_mut().filter(|motor| wants(motor)) {
-                        motor.note_unguarded();
-                    }
-                }
-                (self.watchdog(info, 0), Phase::WatchdogOn)
-            }
+            Phase::WatchdogOff => (self.clear_watchdogs(core), Phase::WatchdogOn),
             Phase::WatchdogOn => {
                 let counts = i32::from(WATCHDOG_COUNTS);
                 (self.watchdog(info, counts), Phase::WatchdogRead)
@@ -257,18 +246,7 @@ impl Master {
             self.phase = next;
             return None;
         }
-        // Present ones first: a silent driver delays those behind it. Absent ones are asked once per cycle.
-        let mut joints: Vec<usize, MAX_JOINTS> = Vec::new();
-        for present in [true, false] {
-            let wanted = core.motors.iter().enumerate().filter(|(_, motor)| {
-                let turn = motor.present() == present && (present || tries == 0);
-                turn && motor.ready() && !motor.answered()
-            });
-            for (joint, _) in wanted {
-                // At most one per joint.
-                let _ = joints.push(joint);
-            }
-        }
+        let mut joints = core.motors.unread(tries == 0);
         let info = core.motors.info();
         let tries_next = tries.saturating_add(1);
         if info.sync_read {
@@ -389,6 +367,19 @@ impl Master {
         if let Some(wrong) = wrong {
             core.event(EventKind::WrongDriver(wrong));
         }
+    }
+
+    /// Of drivers that are new or have tripped, and have no torque.
+    fn clear_watchdogs(&mut self, core: &mut Core) -> Option<Request> {
+        self.configure = 0;
+        if !core.command().torque || core.wants_torque_on() {
+            let wants = |motor: &Motor| motor.needs_settings() && motor.torque() == Some(false);
+            self.configure = core.motors.mask(wants);
+            for motor in core.motors.iter_mut().filter(|motor| wants(motor)) {
+                motor.note_unguarded();
+            }
+        }
+        self.watchdog(core.motors.info(), 0)
     }
 
     fn watchdog(&self, info: &ProfileInfo, counts: i32) -> Option<Request> {

@@ -536,6 +536,24 @@ impl Motors {
             .fold(0, |mask, (motor, bit)| mask | u16::from(test(motor)) << bit)
     }
 
+    /// Joints that have not answered in this cycle: present ones first, because a silent driver delays those behind it; absent ones in
+    /// the `first` try alone.
+    #[must_use]
+    pub fn unread(&self, first: bool) -> heapless::Vec<usize, MAX_JOINTS> {
+        let mut joints = heapless::Vec::new();
+        for present in [true, false] {
+            let wanted = self.iter().enumerate().filter(|(_, motor)| {
+                let turn = motor.present() == present && (present || first);
+                turn && motor.ready() && !motor.answered()
+            });
+            for (joint, _) in wanted {
+                // At most one per joint.
+                let _ = joints.push(joint);
+            }
+        }
+        joints
+    }
+
     /// Measured angles, rad, when all are fresh.
     #[must_use]
     pub fn positions_rad(&self) -> Option<Angles> {
