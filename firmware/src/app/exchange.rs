@@ -37,7 +37,7 @@ const TRIES: u8 = 3;
 const ANSWER_SLACK_US: u64 = 500;
 /// Packets of one cycle for drivers that come into use: 12 of at most 1.7 ms leave more than half of the cycle.
 const SETUP_PACKETS: u8 = 12;
-/// A set-point leaves no later than this after the first reading it rests on was asked for, us: half a cycle. Six silent drivers keep that (18.3 ms).
+/// A set-point or torque-on leaves no later than this after the first reading it rests on was asked for, us: half a cycle. Six silent drivers keep that (18.3 ms).
 /// A stalled task does not, nor do twelve drivers of which most are silent; after three such cycles they count as lost.
 const FRESH_US: u64 = control::CYCLE_US / 2;
 /// Tries of the reading after torque-on: one more than on a good wire. Who answers neither is read in the next cycle.
@@ -176,6 +176,7 @@ impl Master {
     /// Builds the packet of the present phase, if it needs one, and moves on.
     fn advance(&mut self, core: &mut Core, now_us: u64) -> Option<Request> {
         let info = core.motors.info();
+        let fresh = now_us.saturating_sub(self.asked_us) <= FRESH_US;
         let (request, next) = match self.phase {
             Phase::OffFirst => (self.torque_off(core), Phase::Read { tries: 0, asked: 0 }),
             Phase::Read { tries, asked } => {
@@ -187,7 +188,7 @@ impl Master {
             Phase::Errors => return self.read_error(info),
             Phase::Setup { packets } => return self.set_up(core, packets),
             Phase::Decide => {
-                core.decide(now_us.saturating_sub(self.asked_us) <= FRESH_US);
+                core.decide(fresh);
                 if core.command().torque {
                     self.off_repeats = OFF_REPEATS;
                 }
@@ -209,7 +210,7 @@ impl Master {
             }
             Phase::WatchdogRead => return self.read_watchdog(core),
             Phase::GoalHere => {
-                let goals = if core.wants_torque_on() {
+                let goals = if fresh && core.wants_torque_on() {
                     core.goals_here()
                 } else {
                     Vec::new()
@@ -217,7 +218,7 @@ impl Master {
                 (set_points(info, &goals), Phase::TorqueOn)
             }
             Phase::TorqueOn => {
-                self.switched = core.to_switch_on();
+                self.switched = if fresh { core.to_switch_on() } else { 0 };
                 self.unread = 0;
                 (torque(info, self.switched, 1), Phase::Confirm { tries: 0 })
             }

@@ -60,6 +60,34 @@ fn a_set_point_that_would_leave_late_does_not_leave() {
     }
 }
 
+/// A stalled task sent torque, and the set-points before it, 92 ms after the reading they rest on.
+#[test]
+fn torque_that_would_go_on_late_does_not_go_on() {
+    for stall_us in [10_000, 24_000, 30_000, 46_000, 70_000] {
+        // From the first packet of the cycle to the one before torque-on.
+        for after_us in (0..6_000).step_by(500) {
+            let (mut robot, mut host, digest) = ready(0);
+            host.start(&mut robot, 0, digest, 1_000, TelemetryRate::Off)
+                .expect("ready");
+            let cycle_us = robot.now_us().next_multiple_of(50_000);
+            robot.run_until(cycle_us + after_us);
+            let before = robot.motors().borrow().torque(0);
+            robot.motors().borrow_mut().stall_once(stall_us);
+            let mut on_us = 0;
+            while !robot.motors().borrow().torque(0) {
+                robot.run_for(100);
+                on_us = robot.now_us() % 50_000;
+            }
+            assert!(
+                before || on_us < 25_100,
+                "{on_us} us, stalled for {stall_us} us"
+            );
+            let end = expect_end(&mut robot, &mut host);
+            assert_eq!(end.reason, EndReason::Completed);
+        }
+    }
+}
+
 /// It came after the readings: five silent drivers delayed it by 15 ms.
 #[test]
 fn the_stop_input_waits_for_no_silent_driver() {

@@ -422,7 +422,7 @@ pub(crate) const PLANTED: &[Planted] = &[
         kind: "missed check",
         what: "a set-point leaves whatever the age of its reading",
         file: "firmware/src/app/exchange.rs",
-        find: "core.decide(now_us.saturating_sub(self.asked_us) <= FRESH_US);",
+        find: "core.decide(fresh);",
         put: "core.decide(FRESH_US > 0);",
         test: ("hil-sim", "robot"),
     },
@@ -432,6 +432,14 @@ pub(crate) const PLANTED: &[Planted] = &[
         file: "firmware/src/app/exchange.rs",
         find: "Slot::Control => Phase::OffFirst,",
         put: "Slot::Control => Phase::Read { tries: 0, asked: 0 },",
+        test: ("hil-sim", "robot"),
+    },
+    Planted {
+        kind: "missed check",
+        what: "torque goes on whatever the age of its reading",
+        file: "firmware/src/app/exchange.rs",
+        find: "if fresh { core.to_switch_on() } else { 0 }",
+        put: "core.to_switch_on()",
         test: ("hil-sim", "robot"),
     },
 ];
