@@ -248,13 +248,14 @@ impl Core {
         }
     }
 
-    /// Set-points that ask for no motion: where each joint stands, for drivers whose torque is still off.
+    /// Set-points that ask for no motion: where each joint stands, for drivers that said in this cycle that their torque is off. One that
+    /// restarted as torque went on and is silent since has torque in another frame.
     pub(crate) fn goals_here(&self) -> Values {
         let standing = self
             .motors
             .iter()
             .zip(FIRST_ID..)
-            .filter(|(motor, _)| motor.torque() == Some(false));
+            .filter(|(motor, _)| motor.answered() && motor.torque() == Some(false));
         collect(standing.filter_map(|(motor, id)| Some((id, motor.raw_position_urad()?))))
     }
 

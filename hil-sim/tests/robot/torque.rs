@@ -1,7 +1,8 @@
 //! What leaves for the drivers rests on what is certain: no torque without a watchdog, no set-point of an old reading.
 
-use crate::common::{check_set_points, ready};
+use crate::common::{check_set_points, gait, ready};
 use crate::faults::{expect_end, running};
+use hil_sim::robot::host::SimHost;
 use hil_sim::robot::ideal::{IdealMotors, Trouble};
 use hil_sim::robot::wire::{MotorBus, Received};
 use hil_sim::robot::{EmulatedRobot, Setup};
@@ -86,6 +87,40 @@ fn torque_that_would_go_on_late_does_not_go_on() {
             assert_eq!(end.reason, EndReason::Completed);
         }
     }
+}
+
+/// In the next cycle it was sent where it had stood before, in the frame it had lost.
+#[test]
+fn a_driver_that_restarts_as_torque_goes_on_and_falls_silent_is_sent_nowhere() {
+    let mut caught = 0;
+    for (joint, after_us) in (0..6_000).step_by(250).enumerate() {
+        let joint = joint % 6;
+        let mut motors = IdealMotors::new(false);
+        (0..6).for_each(|joint| motors.place(joint, 400_000));
+        let mut robot = EmulatedRobot::with_motors(Setup::default(), motors);
+        let mut host = SimHost::new(robot.link());
+        host.home(&mut robot).expect("drivers answer");
+        let digest = host.upload(&mut robot, 0, &gait(0)).expect("clear");
+        host.start(&mut robot, 0, digest, 1_000, TelemetryRate::Off)
+            .expect("ready");
+        let cycle_us = robot.now_us().next_multiple_of(50_000);
+        robot.run_until(cycle_us + after_us);
+        let begun_ns = robot.now_us() * 1_000;
+        robot.motors().borrow_mut().restart(joint);
+        robot.motors().borrow_mut().trouble(joint, Trouble::Mute);
+        robot.run_for(300_000);
+        let taken = robot.motors().borrow().taken(joint);
+        let mut taken = taken
+            .iter()
+            .filter(|taken| taken.at_ns > begun_ns && taken.torque);
+        let far = taken.find(|taken| taken.goal_urad.abs_diff(taken.from_urad) > 1_000);
+        assert_eq!(far, None, "joint {joint}, {after_us} us");
+        caught += u32::from(robot.motors().borrow().torque(joint));
+    }
+    assert!(
+        caught > 3,
+        "{caught} restarts fell between reading and torque"
+    );
 }
 
 /// It came after the readings: five silent drivers delayed it by 15 ms.

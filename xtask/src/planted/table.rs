@@ -442,4 +442,12 @@ pub(crate) const PLANTED: &[Planted] = &[
         put: "core.to_switch_on()",
         test: ("hil-sim", "robot"),
     },
+    Planted {
+        kind: "stale value",
+        what: "a silent driver is sent where it last stood",
+        file: "firmware/src/app/cycle.rs",
+        find: "|(motor, _)| motor.answered() && motor.torque()",
+        put: "|(motor, _)| motor.torque()",
+        test: ("hil-sim", "robot"),
+    },
 ];
