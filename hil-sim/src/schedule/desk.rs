@@ -76,9 +76,10 @@ pub(crate) struct Desk {
     pub(crate) outbox: Vec<Frame>,
     /// What the laws look at.
     pub(crate) notes: Vec<Note>,
-    /// Restarts of the module so far, and when the host last said HELLO.
+    /// Restarts of the module so far.
     pub(crate) resets: u32,
-    epoch: u32,
+    /// Of each boot that a HELLO told of, how many restarts there had been when it first did.
+    epochs: BTreeMap<u32, u32>,
     /// The user puts the joints into the home pose.
     pub(crate) place: bool,
     /// What it keeps of the newest run.
@@ -107,7 +108,7 @@ impl Desk {
             outbox: Vec::new(),
             notes: Vec::new(),
             resets: 0,
-            epoch: u32::MAX,
+            epochs: BTreeMap::new(),
             place: false,
             record: Record::default(),
             ends: Vec::new(),
@@ -127,6 +128,11 @@ impl Desk {
             if let Some(Ok(received)) = self.client.push(*byte) {
                 self.inbox.push_back(received);
             }
+        }
+        // Any HELLO tells of a restart: the answer to a late copy of an old one as well.
+        let boot = self.client.boot_id();
+        if boot != 0 {
+            self.epochs.entry(boot).or_insert(self.resets);
         }
     }
 
@@ -251,8 +257,6 @@ impl Hand {
         let FromModule::Hello(_) = answer else {
             return Err(Fail::Unexpected);
         };
-        let mut desk = self.0.borrow_mut();
-        desk.epoch = desk.resets;
         Ok(())
     }
 
@@ -340,11 +344,13 @@ impl Desk {
             .expect("MAX_FRAME suffices");
         self.orders += 1;
         let order = order_of(message).map(|order| (self.orders, order));
+        let epoch = self.epochs.get(&self.client.boot_id());
+        let epoch = epoch.copied().unwrap_or(u32::MAX);
         let frame = Frame {
             bytes: out[..length].to_vec(),
             order,
             made_us: self.now_us,
-            epoch: self.epoch,
+            epoch,
         };
         (sequence, frame)
     }
