@@ -563,11 +563,12 @@ impl<'a> Stage<'a> {
     }
 }
 
-/// The user moves joints without torque into the home pose. One whose torque is on he leaves alone.
+/// The user moves joints into the home pose. One that drives he leaves alone; one whose watchdog has tripped gives way to his hand, whatever
+/// its torque register says.
 fn place(robot: &EmulatedRobot<Watched>, laws: &mut Laws, plan: &Plan) {
     let motors = &mut robot.motors().borrow_mut().motors;
     for joint in 0..6 {
-        if !motors.torque(joint) {
+        if !motors.is_driving(joint) {
             motors.place(joint, plan.home_urad[joint]);
             laws.placed(joint, plan.home_urad[joint]);
         }
