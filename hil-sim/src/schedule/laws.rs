@@ -448,15 +448,14 @@ impl Laws {
             let here = self.goals[joint].unwrap_or(packet.stood_urad[joint]);
             // Before torque each driver is sent where it stands, by a reading that may be of a moment ago.
             moving |= packet.torque[joint] || self.goals[joint].is_some();
-            // The module cannot know yet, and a driver that has just restarted has no torque.
-            let lost = self.lost_us[joint].is_some_and(|lost| at_us - lost < CYCLE_US);
+            let heard = packet.heard_us[joint];
+            let lost = self.unheard(joint, packet);
             blind |= lost;
             let step = (i64::from(goal) - i64::from(here)).abs();
             if step > most_urad(joint) && !self.jumped && !lost && !troubled(joint) {
                 let what = format!("joint {joint}: {step} urad from the last one");
                 self.break_law(Law::Reachable, at_us, what);
             }
-            let heard = packet.heard_us[joint];
             let clear = at_us > self.disturbed_us + STALE_US;
             if clear && heard.is_none_or(|heard| at_us - heard > STALE_US) {
                 let what = format!("joint {joint} gave its last measurement at {heard:?} us");
@@ -473,6 +472,18 @@ impl Laws {
             self.checked(at_us, &from, &to);
         }
         self.goals = next;
+    }
+
+    /// Whether a driver has restarted and the module cannot know it: no reading since then has reached it whole, and one that was under way then
+    /// says nothing of it. Such a driver has no torque, so no set-point moves it. After three cycles without a reading it counts as lost.
+    fn unheard(&self, joint: usize, packet: &Sent) -> bool {
+        let limp = !packet.torque[joint] || self.disordered;
+        let unknown = |lost_us: u64| {
+            let age_us = packet.at_us - lost_us;
+            let heard = packet.heard_us[joint].is_some_and(|heard| heard >= lost_us);
+            age_us < CYCLE_US || !heard && age_us <= STALE_US
+        };
+        limp && self.lost_us[joint].is_some_and(unknown)
     }
 
     /// Angles from the home pose, rad.
@@ -564,3 +575,6 @@ fn most_urad(joint: usize) -> i64 {
     let rad_s = rpm / 60.0 * core::f64::consts::TAU;
     (rad_s * CYCLE_US as f64) as i64 + ROUNDING_URAD
 }
+
+#[cfg(test)]
+mod tests;
