@@ -128,6 +128,8 @@ pub(crate) struct Laws {
     last_end: Option<(u32, RunEnd)>,
     /// When each driver restarted, us.
     lost_us: [Option<u64>; JOINTS],
+    /// Until when each driver heard nothing, us.
+    deaf_us: [u64; JOINTS],
     /// Whether encoders jumped: the set-points of the record are then in a frame that nobody but the module knows.
     pub(crate) jumped: bool,
     /// Whether packets on the bus overtake each other: the one that clears a watchdog may then come after the one
@@ -193,6 +195,7 @@ impl Laws {
             slots,
             last_end: None,
             lost_us: [None; JOINTS],
+            deaf_us: [0; JOINTS],
             jumped: false,
             disordered: false,
             counts: Counts::default(),
@@ -521,21 +524,26 @@ impl Laws {
         }
     }
 
-    /// The drivers, at any time. `troubled`: drivers that hear or answer nothing.
+    /// The drivers, at any time. `deaf`: drivers that hear nothing.
     pub(crate) fn look(
         &mut self,
         now_us: u64,
         motors: &IdealMotors,
         stop_us: Option<u64>,
-        troubled: impl Fn(usize) -> bool,
+        deaf: impl Fn(usize) -> bool,
     ) {
         let until = self.grants.iter().map(Grant::until_us).max();
         let mut off_us = self.lapsed_us.max(until.unwrap_or(0));
         if let Some(stop_us) = stop_us {
             off_us = off_us.min(stop_us.max(self.lapsed_us));
         }
-        let due_us = off_us.max(self.disturbed_us) + OFF_US + 1_000;
         for joint in 0..JOINTS {
+            if deaf(joint) {
+                self.deaf_us[joint] = now_us;
+            }
+            // One that heard nothing is told in the cycle after it is back: until then nobody but its own watchdog can take its torque.
+            let reached_us = self.disturbed_us.max(self.deaf_us[joint]);
+            let due_us = off_us.max(reached_us) + OFF_US + 1_000;
             // Before its next reading the module cannot know that a driver has restarted and forgotten its watchdog.
             let lost = self.lost_us[joint].is_some_and(|lost| now_us - lost < CYCLE_US);
             let bare = motors.torque(joint) && !motors.has_watchdog(joint);
@@ -543,7 +551,7 @@ impl Laws {
                 let what = format!("driver {joint} has torque and no watchdog");
                 self.break_law(Law::Guarded, now_us, what);
             }
-            if now_us < due_us || troubled(joint) {
+            if now_us < due_us {
                 continue;
             }
             self.counts.offs += 1;

@@ -298,12 +298,13 @@ impl<'a> Stage<'a> {
             self.laws.disturbed_us = now_us + 20_000;
         }
         self.look_at_packets();
-        let troubled = troubles(&self.plan.faults, &self.active);
+        let mut deaf = [false; 6];
+        for fault in self.active() {
+            deaf[fault.joint] |= fault.kind == Kind::DriverMissing;
+        }
         let motors = self.robot.motors().borrow();
         self.laws
-            .look(now_us, &motors.motors, self.stop_us, |joint| {
-                troubled[joint]
-            });
+            .look(now_us, &motors.motors, self.stop_us, |joint| deaf[joint]);
     }
 
     /// What the slots hold, read by a module of its own from a copy of the flash.

@@ -1,7 +1,10 @@
 //! What the laws excuse ends where the module could know better.
 
-use super::{CYCLE_US, JOINTS, Laws, STALE_US};
+use super::{CYCLE_US, JOINTS, Law, Laws, OFF_US, STALE_US};
+use crate::robot::ideal::IdealMotors;
+use crate::robot::wire::MotorBus;
 use crate::schedule::wire::Sent;
+use protocol::bus::Profile;
 
 fn laws() -> Laws {
     Laws::new(false, [0; JOINTS], &[])
@@ -36,4 +39,38 @@ fn a_set_point_that_moves_a_driver_is_excused_by_no_restart() {
     let mut laws = laws();
     laws.encoder_lost(1_000_000, 0, 100_000);
     assert!(!laws.unheard(0, &sent(1_000_001, 0, true)));
+}
+
+/// Ideal drivers; the first has torque and no watchdog of its own.
+fn driving() -> IdealMotors {
+    let mut motors = IdealMotors::new(false);
+    let info = Profile::Packed.info();
+    let packet = info.sync_write(&info.torque, &[(1, 1)]).expect("short");
+    motors.put(0, packet.bytes());
+    motors.advance(2_000_000);
+    assert!(motors.is_driving(0));
+    motors
+}
+
+/// When the first law breaks for a driver that is never let go after a restart of the module at 1 s, and hears nothing until `deaf_until_us`.
+fn breaks_us(deaf_until_us: u64) -> u64 {
+    let (motors, mut laws) = (driving(), laws());
+    // Its watchdog is not asked for.
+    laws.disordered = true;
+    laws.restarted(1_000_000);
+    for now_us in (1_000_000..2_000_000).step_by(1_000) {
+        let deaf = |joint| joint == 0 && now_us <= deaf_until_us;
+        laws.look(now_us, &motors, None, deaf);
+        if let Some(broken) = laws.broken {
+            assert_eq!(broken.law, Law::LetGo);
+            return broken.at_us;
+        }
+    }
+    u64::MAX
+}
+
+#[test]
+fn a_driver_that_heard_nothing_is_let_go_a_cycle_after_it_is_back() {
+    assert_eq!(breaks_us(0), 1_000_000 + OFF_US + 1_000);
+    assert_eq!(breaks_us(1_200_000), 1_200_000 + OFF_US + 1_000);
 }
