@@ -18,7 +18,7 @@ use std::fmt;
 const JOINTS: usize = 6;
 /// A cycle, us: 20 Hz (the paper).
 const CYCLE_US: u64 = 50_000;
-/// From a reason to let go to torque off on a clean bus, us: one cycle, and 3 ms for its packets.
+/// From a reason to let go, or a restart of a driver, to torque off on a clean bus, us: one cycle, and 3 ms for its packets.
 pub(crate) const OFF_US: u64 = 53_000;
 /// Ramp and hold of a run that is stopped, us. At a rate of 6 1/s 0.25 rad are below 1 mrad after 0.92 s; a second
 /// of hold follows,
@@ -544,8 +544,9 @@ impl Laws {
             // One that heard nothing is told in the cycle after it is back: until then nobody but its own watchdog can take its torque.
             let reached_us = self.disturbed_us.max(self.deaf_us[joint]);
             let due_us = off_us.max(reached_us) + OFF_US + 1_000;
-            // Before its next reading the module cannot know that a driver has restarted and forgotten its watchdog.
-            let lost = self.lost_us[joint].is_some_and(|lost| now_us - lost < CYCLE_US);
+            // A driver that restarts just before torque-on has forgotten its watchdog. When both readings after it are lost on the wire,
+            // the one of the next cycle tells of it, and its packets let it go.
+            let lost = self.lost_us[joint].is_some_and(|lost| now_us - lost < OFF_US);
             let bare = motors.torque(joint) && !motors.has_watchdog(joint);
             if bare && !lost && !self.disordered {
                 let what = format!("driver {joint} has torque and no watchdog");

@@ -74,3 +74,14 @@ fn a_driver_that_heard_nothing_is_let_go_a_cycle_after_it_is_back() {
     assert_eq!(breaks_us(0), 1_000_000 + OFF_US + 1_000);
     assert_eq!(breaks_us(1_200_000), 1_200_000 + OFF_US + 1_000);
 }
+
+#[test]
+fn a_driver_that_restarted_may_lack_its_watchdog_for_a_cycle_and_its_packets() {
+    for (after_us, broken) in [(OFF_US - 1, None), (OFF_US, Some(Law::Guarded))] {
+        let (motors, mut laws) = (driving(), laws());
+        laws.encoder_lost(1_000_000, 0, 0);
+        laws.restarted(1_000_000);
+        laws.look(1_000_000 + after_us, &motors, None, |_| false);
+        assert_eq!(laws.broken.map(|broken| broken.law), broken);
+    }
+}
