@@ -268,6 +268,8 @@ impl ModuleHandler for Visitor<'_> {
         for session in &mut self.core.sessions {
             session.beats = 0;
             session.silent = false;
+            // A host would take the end of the run before for that of this one.
+            session.end_due = false;
         }
         let joints = self.core.motors.joints();
         self.core.telemetry.begin(self.core.runs, joints);

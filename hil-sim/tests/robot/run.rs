@@ -1,6 +1,6 @@
 //! Runs: set-points equal the law's to the bit, telemetry is whole, leases end.
 
-use crate::common::{check_set_points, gait, ready, ready_on, shipped};
+use crate::common::{check_set_points, gait, ready, ready_on, ready_with, shipped};
 use control::cpg;
 use control::gait::Gait;
 use hil_sim::robot::host::SimHost;
@@ -200,6 +200,25 @@ fn a_cut_link_does_not_stop_the_run_and_its_record_is_drained_afterwards() {
             .windows(2)
             .all(|pair| pair[0].end() == pair[1].first)
     );
+}
+
+/// The end of the run before waited behind its record, came in the next run, and the host took it for that of its own.
+#[test]
+fn the_end_of_a_run_is_not_told_in_the_next_one() {
+    let (mut robot, mut host, digest) = ready_with(Setup::default(), 2);
+    host.start(&mut robot, 0, digest, 3_000, TelemetryRate::Fast)
+        .expect("ready");
+    robot.run_for(1_000_000);
+    robot.link().cut();
+    robot.run_for(12_000_000);
+    robot.link().reconnect();
+    host.restart();
+    host.hello(&mut robot).expect("the link is back");
+    assert!(host.ends.is_empty(), "its record comes first");
+    host.start(&mut robot, 0, digest, 1_000, TelemetryRate::Cycle)
+        .expect("the run is over");
+    let end = host.wait_for_end(&mut robot, 20_000_000).expect("ends");
+    assert_eq!((end.run, end.cycles), (2, 20));
 }
 
 #[test]
