@@ -194,6 +194,7 @@ impl Run<'_> {
                 tag,
             },
         })?;
+        self.robot.forget_runs();
         Ok(())
     }
 

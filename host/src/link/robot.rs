@@ -359,6 +359,16 @@ impl Robot {
         }
     }
 
+    /// Forgets the end and the record of runs that came so far: a run that has just been accepted is another one.
+    pub fn forget_runs(&mut self) {
+        self.inbox.retain(|message| {
+            !matches!(
+                message,
+                FromModule::RunEnd(_) | FromModule::SampleBlock(_) | FromModule::SampleBlockOf(_)
+            )
+        });
+    }
+
     fn check_interrupt(&self) -> Result<(), LinkError> {
         if self.heed_interrupt && interrupt::pressed() {
             Err(LinkError::Interrupted)

@@ -3,6 +3,7 @@
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpListener;
 use std::process::{Child, Stdio};
+use std::time::Duration;
 
 use protocol::link::{
     Decoder, FromModule, Header, Hello, MAX_FRAME, ModuleState, Tag, ToModule, VERSION, encode,
@@ -15,10 +16,10 @@ fn state(folder: &Folder, uri: &str) -> String {
     info["state"].as_str().unwrap().to_owned()
 }
 
-/// A run of ten minutes that has begun.
+/// A run that has begun.
 fn begun(folder: &Folder, uri: &str, more: &[&str]) -> Child {
     let file = gait("crawl.toml");
-    let mut args = vec!["-p", uri, "-v", "run", &file, "-d", "10m"];
+    let mut args = vec!["-p", uri, "-v", "run", &file];
     args.extend(more);
     let mut child = command(folder, &args)
         .stderr(Stdio::piped())
@@ -34,6 +35,25 @@ fn begun(folder: &Folder, uri: &str, more: &[&str]) -> Child {
     child
 }
 
+/// A robot tells the next host of the run whose host was killed. That one took it for its own, and left the robot running.
+#[test]
+fn a_run_is_not_over_because_the_one_before_it_is() {
+    let folder = Folder::new("the-one-before");
+    let robot = Emulator::start(&folder);
+    let uri = robot.uri();
+    rb(&folder, &["-p", &uri, "zero", "--yes"]).expect(0);
+    let mut child = begun(&folder, &uri, &["--autonomous", "-d", "2s"]);
+    child.kill().unwrap();
+    child.wait().unwrap();
+    // Without a question: the first host that comes is told. Ramp and hold take three seconds.
+    std::thread::sleep(Duration::from_secs(7));
+    let args = ["-p", &uri, "run", &gait("crawl.toml"), "-d", "3s", "--json"];
+    let report = rb(&folder, &args).expect(0).json();
+    let run = &report["runs"][0];
+    assert_eq!(run["cycles"], 60, "{report}");
+    assert_eq!(run["recorded"], run["samples"], "{report}");
+}
+
 #[cfg(unix)]
 #[test]
 fn a_robot_stops_when_its_host_is_killed_unless_it_is_autonomous() {
@@ -42,7 +62,7 @@ fn a_robot_stops_when_its_host_is_killed_unless_it_is_autonomous() {
     let uri = robot.uri();
     rb(&folder, &["-p", &uri, "zero", "--yes"]).expect(0);
 
-    let mut child = begun(&folder, &uri, &[]);
+    let mut child = begun(&folder, &uri, &["-d", "10m"]);
     child.kill().unwrap();
     child.wait().unwrap();
     // Nobody sends anything but questions, and those renew no lease: it comes to rest long before its ten minutes are over.
@@ -55,7 +75,7 @@ fn a_robot_stops_when_its_host_is_killed_unless_it_is_autonomous() {
     let log = rb(&folder, &["-p", &uri, "log"]).expect(0).out;
     assert!(log.contains("host_lost"), "{log}");
 
-    let mut child = begun(&folder, &uri, &["--autonomous"]);
+    let mut child = begun(&folder, &uri, &["--autonomous", "-d", "10m"]);
     child.kill().unwrap();
     child.wait().unwrap();
     std::thread::sleep(std::time::Duration::from_secs(3));
