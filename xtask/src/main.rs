@@ -1,6 +1,7 @@
 //! Set-up, the two commands of the README, the firmware build, and the tables of the documentation.
 
 mod audit;
+mod cross;
 mod demo;
 mod elf;
 mod figures;
@@ -27,6 +28,7 @@ cargo xtask <command>
   fw        build the firmware image for the STM32L475VG and print its size
   gate      link `control` and `protocol` into a thumb image in which a reachable panic is a link error,
             link the image of every board and look from where it may panic
+  cross     check the host tool for Windows and macOS; parts in C are left out, nothing is linked or run
   fuzz      [--seconds N] [TARGET...]: every fuzz target, 60 s each when not given (coverage needs nightly and cargo-fuzz)
   release   archives, Debian package, checksums and parts list of this version, in target/dist
   site      the pages as a web site, in target/site with mdBook, links followed
@@ -44,6 +46,7 @@ fn main() -> ExitCode {
         Some("setup") => setup::run().map(|report| report.print()),
         Some("fw") => images::default_image(),
         Some("gate") => test::panic_free_gate().and_then(|()| images::all()),
+        Some("cross") => cross::run(),
         Some("fuzz") => fuzz::run(&arguments[1..]),
         Some("release") => release::run(),
         Some("site") => site::run(),

@@ -10,6 +10,7 @@ type Step = (&'static str, fn() -> Result<()>);
 const STEPS: &[Step] = &[
     ("format", || sh::run("cargo", &["fmt", "--all", "--check"])),
     ("lints", lints),
+    ("host tool for Windows and macOS", crate::cross::run),
     ("lints of the firmware images", images::lints),
     ("firmware images", images::all),
     ("panic-free gate", panic_free_gate),

@@ -70,6 +70,9 @@ pub enum EndpointError {
         /// Cause.
         source: serialport::Error,
     },
+    /// This system has no pseudo-terminals.
+    #[error("pseudo-terminals exist on Unix only; give --tcp ADDRESS or --serial PORT")]
+    NoPty,
     /// The link to the pseudo-terminal could not be made.
     #[error("cannot link {path} to {target}: {source}; name another path, or remove what is there")]
     Link {

@@ -1,6 +1,5 @@
 //! `rb-host doctor`
 
-use std::path::Path;
 use std::time::Duration;
 
 use serde_json::{Value, json};
@@ -96,7 +95,14 @@ fn ports() -> Line {
     }
 }
 
+/// A COM port is no file: whether it may be opened is told when it is.
+#[cfg(not(unix))]
+fn permissions(_uri: &PortUri) -> Option<Line> {
+    None
+}
+
 /// What the operating system says about a serial port before it is opened.
+#[cfg(unix)]
 fn permissions(uri: &PortUri) -> Option<Line> {
     let PortUri::Serial(path) = uri else {
         return None;
@@ -128,13 +134,13 @@ fn permissions(uri: &PortUri) -> Option<Line> {
     })
 }
 
-fn may_open(path: &Path) -> std::io::Result<()> {
+#[cfg(unix)]
+fn may_open(path: &std::path::Path) -> std::io::Result<()> {
     // Opening to read only, without waiting for a carrier, is enough to see permission and lock.
     use std::os::unix::fs::OpenOptionsExt;
-    const O_NONBLOCK: i32 = 0o4000;
     std::fs::OpenOptions::new()
         .read(true)
-        .custom_flags(O_NONBLOCK)
+        .custom_flags(libc::O_NONBLOCK)
         .open(path)
         .map(drop)
 }

@@ -6,7 +6,9 @@ pub(crate) mod films;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use hil_sim::endpoint::{Endpoint, EndpointError, Pty, Serial, Tcp};
+#[cfg(unix)]
+use hil_sim::endpoint::Pty;
+use hil_sim::endpoint::{Endpoint, EndpointError, Serial, Tcp};
 use hil_sim::pace::{self, Pace, ServeEvent};
 use hil_sim::robot::serve::{RobotEvent, serve};
 use hil_sim::scenario::Scenario;
@@ -172,7 +174,17 @@ fn endpoint(args: &Args, context: &Context) -> Result<Box<dyn Endpoint>, Endpoin
         };
         return Ok(Box::new(Serial::open(port, baud)?));
     }
+    pty(args)
+}
+
+#[cfg(unix)]
+fn pty(args: &Args) -> Result<Box<dyn Endpoint>, EndpointError> {
     Ok(Box::new(Pty::open(args.pty.as_deref())?))
+}
+
+#[cfg(not(unix))]
+fn pty(_args: &Args) -> Result<Box<dyn Endpoint>, EndpointError> {
+    Err(EndpointError::NoPty)
 }
 
 fn endpoint_failed(error: EndpointError) -> Failure {

@@ -4,7 +4,11 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use serialport::{SerialPort, TTYPort};
+#[cfg(windows)]
+use serialport::COMPort as NativePort;
+use serialport::SerialPort;
+#[cfg(unix)]
+use serialport::TTYPort as NativePort;
 
 use super::stream::ByteStream;
 use super::{Link, LinkError, PortUri};
@@ -25,7 +29,7 @@ pub struct SerialLink {
     uri: PortUri,
     path: PathBuf,
     baud: u32,
-    open: Option<(TTYPort, ByteStream)>,
+    open: Option<(NativePort, ByteStream)>,
     started: Instant,
 }
 
@@ -131,7 +135,7 @@ impl Link for SerialLink {
             stream.stop();
             drop(port);
         }
-        let open = || -> serialport::Result<(TTYPort, ByteStream)> {
+        let open = || -> serialport::Result<(NativePort, ByteStream)> {
             let path = self.path.to_string_lossy();
             let mut port = serialport::new(path, self.baud)
                 .timeout(READ_TIMEOUT)
