@@ -10,68 +10,20 @@
 //! | STOP input, contact to ground, normally closed | GPIO with pull-up | PA8 |
 //! | battery through a divider | ADC1 channel 1 | PA0 |
 
-use embassy_stm32::adc::{Adc, AdcConfig, SampleTime};
+use embassy_stm32::adc::{Adc, AdcConfig};
 use embassy_stm32::gpio::{Input, Pull};
-use embassy_stm32::interrupt::typelevel as irq;
 use embassy_stm32::pac::usart::Usart;
-use embassy_stm32::peripherals::{ADC1, PA0, USART1, USART2, USART3};
 use embassy_stm32::rcc::mux::{Adcsel, Clk48sel};
 use embassy_stm32::rcc::{Hsi48Config, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk};
-use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart};
-use embassy_stm32::{Peri, Peripherals, bind_interrupts, pac};
+use embassy_stm32::usart::BufferedUart;
+use embassy_stm32::{Peripherals, pac};
 use firmware::ports::{LinkKind, ResetCause};
 
 use crate::stm32::parts::{
-    BUS_RX_RING, Battery, BoardFile, BusRings, Fitted, LINK_RX_RING, LinkRings, bus, bus_config,
-    link, link_config, watchdog,
+    Battery, BoardFile, Fitted, bus, bus_config, link, link_config, uarts, watchdog,
 };
-use crate::stm32::uart::{ErrorHook, Watch, Watched};
 
-bind_interrupts!(struct Interrupts {
-    USART1 => ErrorHook<irq::USART1>, BufferedInterruptHandler<USART1>;
-    USART2 => ErrorHook<irq::USART2>, BufferedInterruptHandler<USART2>;
-    USART3 => ErrorHook<irq::USART3>, BufferedInterruptHandler<USART3>;
-});
-
-static WIRE_WATCH: Watch = Watch::new(pac::USART2, LINK_RX_RING);
-static BUS_WATCH: Watch = Watch::new(pac::USART1, BUS_RX_RING);
-static RADIO_WATCH: Watch = Watch::new(pac::USART3, LINK_RX_RING);
-
-static WIRE_RINGS: LinkRings = LinkRings::new();
-static BUS_RINGS: BusRings = BusRings::new();
-static RADIO_RINGS: LinkRings = LinkRings::new();
-
-impl Watched for irq::USART1 {
-    fn watch() -> &'static Watch {
-        &BUS_WATCH
-    }
-}
-
-impl Watched for irq::USART2 {
-    fn watch() -> &'static Watch {
-        &WIRE_WATCH
-    }
-}
-
-impl Watched for irq::USART3 {
-    fn watch() -> &'static Watch {
-        &RADIO_WATCH
-    }
-}
-
-/// The battery's pin and its converter.
-pub(crate) struct Divider {
-    adc: Adc<'static, ADC1>,
-    pin: Peri<'static, PA0>,
-}
-
-impl Battery for Divider {
-    fn sample(&mut self) -> u16 {
-        // The divider is of high resistance: longest sampling time, 15 us.
-        self.adc
-            .blocking_read(&mut self.pin, SampleTime::CYCLES640_5)
-    }
-}
+uarts!(bus: USART1, wire: USART2, radio: USART3);
 
 /// The board.
 pub(crate) struct G474;
@@ -82,7 +34,6 @@ impl BoardFile for G474 {
     const CORE_HZ: u32 = 170_000_000;
     const FLASH_BYTES: usize = 512 * 1024;
     const BUS: Usart = pac::USART1;
-    type Battery = Divider;
 
     fn clocks() -> embassy_stm32::Config {
         let mut config = embassy_stm32::Config::default();
@@ -126,7 +77,7 @@ impl BoardFile for G474 {
         }
     }
 
-    fn fit(p: Peripherals) -> Fitted<Divider> {
+    fn fit(p: Peripherals) -> Fitted {
         let watchdog = watchdog(p.IWDG);
         let (tx, rx) = BUS_RINGS.take();
         let motors = BufferedUart::new_with_de(
@@ -149,10 +100,7 @@ impl BoardFile for G474 {
             radio: link(LinkKind::Radio, radio, &RADIO_WATCH),
             watchdog,
             stop: Input::new(p.PA8, Pull::Up),
-            battery: Divider {
-                adc: Adc::new(p.ADC1, AdcConfig::default()),
-                pin: p.PA0,
-            },
+            battery: Battery::new(Adc::new(p.ADC1, AdcConfig::default()), p.PA0),
             flash: p.FLASH,
             rng: p.RNG,
         }

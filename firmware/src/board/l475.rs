@@ -8,69 +8,21 @@
 //! | STOP input, contact to ground, normally closed | GPIO with pull-up | PD14 |
 //! | battery through a divider | ADC1 channel 14 | PC5 |
 
-use embassy_stm32::adc::{Adc, SampleTime};
+use embassy_stm32::adc::Adc;
 use embassy_stm32::gpio::{Input, Pull};
-use embassy_stm32::interrupt::typelevel as irq;
 use embassy_stm32::pac::usart::Usart;
-use embassy_stm32::peripherals::{ADC1, PC5, UART4, USART1, USART2};
 use embassy_stm32::rcc::{
     MSIRange, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk, mux::Clk48sel,
 };
-use embassy_stm32::usart::{BufferedInterruptHandler, BufferedUart};
-use embassy_stm32::{Peri, Peripherals, bind_interrupts, pac};
+use embassy_stm32::usart::BufferedUart;
+use embassy_stm32::{Peripherals, pac};
 use firmware::ports::{LinkKind, ResetCause};
 
 use crate::stm32::parts::{
-    BUS_RX_RING, Battery, BoardFile, BusRings, Fitted, LINK_RX_RING, LinkRings, bus, bus_config,
-    link, link_config, watchdog,
+    Battery, BoardFile, Fitted, bus, bus_config, link, link_config, uarts, watchdog,
 };
-use crate::stm32::uart::{ErrorHook, Watch, Watched};
 
-bind_interrupts!(struct Interrupts {
-    USART1 => ErrorHook<irq::USART1>, BufferedInterruptHandler<USART1>;
-    USART2 => ErrorHook<irq::USART2>, BufferedInterruptHandler<USART2>;
-    UART4 => ErrorHook<irq::UART4>, BufferedInterruptHandler<UART4>;
-});
-
-static WIRE_WATCH: Watch = Watch::new(pac::USART1, LINK_RX_RING);
-static BUS_WATCH: Watch = Watch::new(pac::USART2, BUS_RX_RING);
-static RADIO_WATCH: Watch = Watch::new(pac::UART4, LINK_RX_RING);
-
-static WIRE_RINGS: LinkRings = LinkRings::new();
-static BUS_RINGS: BusRings = BusRings::new();
-static RADIO_RINGS: LinkRings = LinkRings::new();
-
-impl Watched for irq::USART1 {
-    fn watch() -> &'static Watch {
-        &WIRE_WATCH
-    }
-}
-
-impl Watched for irq::USART2 {
-    fn watch() -> &'static Watch {
-        &BUS_WATCH
-    }
-}
-
-impl Watched for irq::UART4 {
-    fn watch() -> &'static Watch {
-        &RADIO_WATCH
-    }
-}
-
-/// The battery's pin and its converter.
-pub(crate) struct Divider {
-    adc: Adc<'static, ADC1>,
-    pin: Peri<'static, PC5>,
-}
-
-impl Battery for Divider {
-    fn sample(&mut self) -> u16 {
-        // The divider is of high resistance: longest sampling time, 8 us.
-        self.adc
-            .blocking_read(&mut self.pin, SampleTime::CYCLES640_5)
-    }
-}
+uarts!(bus: USART2, wire: USART1, radio: UART4);
 
 /// The board.
 pub(crate) struct L475;
@@ -81,7 +33,6 @@ impl BoardFile for L475 {
     const CORE_HZ: u32 = 80_000_000;
     const FLASH_BYTES: usize = 1024 * 1024;
     const BUS: Usart = pac::USART2;
-    type Battery = Divider;
 
     fn clocks() -> embassy_stm32::Config {
         let mut config = embassy_stm32::Config::default();
@@ -121,7 +72,7 @@ impl BoardFile for L475 {
         }
     }
 
-    fn fit(p: Peripherals) -> Fitted<Divider> {
+    fn fit(p: Peripherals) -> Fitted {
         let watchdog = watchdog(p.IWDG);
         let (tx, rx) = BUS_RINGS.take();
         let motors = BufferedUart::new_with_de(
@@ -144,10 +95,7 @@ impl BoardFile for L475 {
             radio: link(LinkKind::Radio, radio, &RADIO_WATCH),
             watchdog,
             stop: Input::new(p.PD14, Pull::Up),
-            battery: Divider {
-                adc: Adc::new(p.ADC1),
-                pin: p.PC5,
-            },
+            battery: Battery::new(Adc::new(p.ADC1), p.PC5),
             flash: p.FLASH,
             rng: p.RNG,
         }

@@ -1,7 +1,9 @@
 //! What a board file gives, and the parts it builds that from.
 
+use embassy_stm32::adc::{Adc, AdcChannel, AnyAdcChannel, SampleTime};
 use embassy_stm32::gpio::Input;
 use embassy_stm32::pac::usart::Usart;
+use embassy_stm32::peripherals::ADC1;
 use embassy_stm32::usart::{BufferedUart, Config as UartConfig, ConfigError};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, Peripherals, peripherals};
@@ -58,14 +60,60 @@ impl<const TX: usize, const RX: usize> Rings<TX, RX> {
     }
 }
 
-/// The converter that reads the battery.
-pub(crate) trait Battery {
-    /// One conversion of the pin behind the divider, 12 bits at a reference of 3.3 V. Bounded.
-    fn sample(&mut self) -> u16;
+/// Says which three UARTs a board has: their interrupts, with the look before embassy's handler, and their watches and rings, called `BUS_`, `WIRE_`
+/// and `RADIO_WATCH` and `_RINGS`. Once, in a board file.
+macro_rules! uarts {
+    (bus: $bus:ident, wire: $wire:ident, radio: $radio:ident) => {
+        $crate::stm32::parts::uarts!(Interrupts: $bus, $wire, $radio);
+        $crate::stm32::parts::uarts!($bus, BUS_WATCH, BUS_RX_RING, BUS_RINGS: BusRings);
+        $crate::stm32::parts::uarts!($wire, WIRE_WATCH, LINK_RX_RING, WIRE_RINGS: LinkRings);
+        $crate::stm32::parts::uarts!($radio, RADIO_WATCH, LINK_RX_RING, RADIO_RINGS: LinkRings);
+    };
+    (Interrupts: $($uart:ident),*) => {
+        embassy_stm32::bind_interrupts!(struct Interrupts {
+            $($uart =>
+                $crate::stm32::uart::ErrorHook<embassy_stm32::interrupt::typelevel::$uart>,
+                embassy_stm32::usart::BufferedInterruptHandler<embassy_stm32::peripherals::$uart>;)*
+        });
+    };
+    ($uart:ident, $watch:ident, $ring:ident, $rings:ident: $kind:ident) => {
+        static $watch: $crate::stm32::uart::Watch =
+            $crate::stm32::uart::Watch::new(embassy_stm32::pac::$uart, $crate::stm32::parts::$ring);
+        static $rings: $crate::stm32::parts::$kind = $crate::stm32::parts::$kind::new();
+
+        impl $crate::stm32::uart::Watched for embassy_stm32::interrupt::typelevel::$uart {
+            fn watch() -> &'static $crate::stm32::uart::Watch {
+                &$watch
+            }
+        }
+    };
+}
+pub(crate) use uarts;
+
+/// The battery's pin behind its divider, and the converter.
+pub(crate) struct Battery {
+    adc: Adc<'static, ADC1>,
+    pin: AnyAdcChannel<'static, ADC1>,
+}
+
+impl Battery {
+    pub(crate) fn new(adc: Adc<'static, ADC1>, pin: impl AdcChannel<ADC1> + 'static) -> Self {
+        Self {
+            adc,
+            pin: pin.degrade_adc(),
+        }
+    }
+
+    /// One conversion, 12 bits at a reference of 3.3 V. Bounded.
+    pub(crate) fn sample(&mut self) -> u16 {
+        // The divider is of high resistance: longest sampling time, 8 us at 80 MHz and 15 us at 42.5 MHz.
+        self.adc
+            .blocking_read(&mut self.pin, SampleTime::CYCLES640_5)
+    }
 }
 
 /// What `fit` has made of the chip's peripherals.
-pub(crate) struct Fitted<B> {
+pub(crate) struct Fitted {
     pub(crate) bus: Bus,
     pub(crate) wire: Link,
     pub(crate) radio: Link,
@@ -73,7 +121,7 @@ pub(crate) struct Fitted<B> {
     pub(crate) watchdog: IndependentWatchdog<'static, peripherals::IWDG>,
     /// With pull-up; a contact to ground, normally closed.
     pub(crate) stop: Input<'static>,
-    pub(crate) battery: B,
+    pub(crate) battery: Battery,
     pub(crate) flash: Peri<'static, peripherals::FLASH>,
     pub(crate) rng: Peri<'static, peripherals::RNG>,
 }
@@ -88,8 +136,6 @@ pub(crate) trait BoardFile {
     const FLASH_BYTES: usize;
     /// The UART of the motor bus, which a fault silences.
     const BUS: Usart;
-    /// The battery's converter.
-    type Battery: Battery;
 
     /// Clock tree. The random number generator needs its 48 MHz.
     fn clocks() -> embassy_stm32::Config;
@@ -98,7 +144,7 @@ pub(crate) trait BoardFile {
     fn reset_cause() -> ResetCause;
 
     /// Brings up the peripherals, the watchdog first. Called once.
-    fn fit(peripherals: Peripherals) -> Fitted<Self::Battery>;
+    fn fit(peripherals: Peripherals) -> Fitted;
 }
 
 /// The watchdog, running.

@@ -33,7 +33,7 @@ const RDP_OPEN: u8 = 0xAA;
 
 /// The rest of the board.
 struct Rest {
-    battery: <Chosen as BoardFile>::Battery,
+    battery: Battery,
     rng: BoardRng,
     watchdog: IndependentWatchdog<'static, peripherals::IWDG>,
     stop: Input<'static>,
@@ -108,7 +108,7 @@ pub(crate) fn start(spawner: Spawner) {
     spawner.spawn(defmt::unwrap!(application(ports).ok()));
 }
 
-fn ports(fitted: Fitted<<Chosen as BoardFile>::Battery>, cause: ResetCause) -> Ports {
+fn ports(fitted: Fitted, cause: ResetCause) -> Ports {
     Ports {
         bus: fitted.bus,
         wire: fitted.wire,
