@@ -3,6 +3,11 @@
 //! Everything that can be refused without knowing the robot is refused here: other versions and sessions, unknown types, wrong proofs, keys over
 //! radio, a second order while one is being carried out. What changes state is done once: the answer to the last such request is kept and given again.
 
+mod handler;
+mod orders;
+
+pub use handler::{BusAnswer, Completed, Drivers, ModuleHandler, Outcome, StartOrder, StoredGait};
+
 use heapless::Vec;
 
 use super::auth::{Key, Nonce, TAG_LEN, Tag};
@@ -10,16 +15,9 @@ use super::frame::{
     DecodeError, Decoder, Frame, Header, LinkCounters, MAX_FRAME, Message, SOURCE_HOST, UNASKED,
     VERSION, encode, encode_proof,
 };
-use super::gait::{Digest, WireGait};
-use super::message::{
-    BusStatus, FromModule, MAX_BUS_BYTES, MAX_EVENTS, TelemetryRate, ToModule, WrongDriver,
-};
+use super::message::{FromModule, MAX_BUS_BYTES, ToModule};
 use super::reject::Reject;
-use super::status::{CrashRecord, Hello, Info, SlotInfo};
-use super::telemetry::SampleBlock;
-use super::{MAX_SLOTS, event::Event, robot::WireRobot};
-use crate::bus::Profile;
-use crate::bus::master::MAX_DRIVERS;
+use orders::carry_out;
 
 /// The medium of a link, as the board knows it; a frame cannot claim it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -31,15 +29,6 @@ pub enum Port {
     Radio,
 }
 
-/// How far an order got.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome<T = ()> {
-    /// Carried out.
-    Done(T),
-    /// Begun. The implementer calls [`Server::complete`] later; until then other orders are refused as busy.
-    Pending,
-}
-
 /// Age of an open challenge at which it is void, us of the module's clock: an order that was held back on its way moves nothing later than this. Long
 /// enough for four tries over a slow radio.
 pub const CHALLENGE_LIFE_US: u64 = 5_000_000;
@@ -48,161 +37,6 @@ pub const CHALLENGE_LIFE_US: u64 = 5_000_000;
 pub const TAG_TRIES: u64 = 16;
 /// From then on it looks at one in this time, us. A tag of 128 bits cannot be guessed at any rate; the limit bounds what a flood of forged orders costs.
 pub const TAG_TRY_US: u64 = 125_000;
-
-/// A start order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct StartOrder {
-    /// Slot to run.
-    pub slot: u8,
-    /// What the host believes is in it.
-    pub digest: Digest,
-    /// Length, ms.
-    pub duration_ms: u32,
-    /// Telemetry of the run.
-    pub rate: TelemetryRate,
-    /// Wait before the first movement, ms.
-    pub countdown_ms: u16,
-    /// Tethered: the longest time between two heartbeats, ms. `None`: the run needs no host.
-    pub lease_ms: Option<u16>,
-}
-
-/// A committed gait.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct StoredGait {
-    /// Slot.
-    pub slot: u8,
-    /// Fingerprint of what was read back.
-    pub digest: Digest,
-    /// Whether it is now the active slot.
-    pub active: bool,
-}
-
-/// What a module can do. Every `Err` must mean that nothing has changed.
-pub trait ModuleHandler {
-    /// Who this is.
-    fn hello(&mut self) -> Hello;
-    /// State now. `counters.link` is filled in by the server.
-    fn info(&mut self) -> Info;
-    /// 16 bytes that nobody can foresee; never the same twice.
-    fn fresh_nonce(&mut self) -> Result<Nonce, Reject>;
-    /// The key, if one is set.
-    fn key(&self) -> Option<Key>;
-    /// An order with a wrong tag came.
-    fn bad_tag(&mut self, request: u8);
-    /// Stop, in any state. Must not fail.
-    fn stop(&mut self);
-    /// Validate, store, read back.
-    fn put_gait(
-        &mut self,
-        slot: u8,
-        activate: bool,
-        gait: &WireGait,
-    ) -> Result<Outcome<StoredGait>, Reject>;
-    /// What a slot holds.
-    fn get_gait(&mut self, slot: u8) -> Result<(Digest, WireGait), Reject>;
-    /// The active slot, and every slot.
-    fn slots(&mut self) -> (Option<u8>, Vec<Option<SlotInfo>, MAX_SLOTS>);
-    /// Make a slot the active one.
-    fn activate_slot(&mut self, slot: u8) -> Result<Outcome, Reject>;
-    /// Erase a slot.
-    fn erase_slot(&mut self, slot: u8) -> Result<Outcome, Reject>;
-    /// Arm and run.
-    fn start(&mut self, order: &StartOrder) -> Result<Outcome, Reject>;
-    /// The host of a tethered run is still there.
-    fn heartbeat(&mut self) -> Result<Outcome, Reject>;
-    /// Go over to another stored gait in a run.
-    fn change_gait(&mut self, slot: u8, digest: Digest) -> Result<Outcome, Reject>;
-    /// Leave Fault or EStop.
-    fn clear_fault(&mut self) -> Result<Outcome, Reject>;
-    /// These joints are in the home pose.
-    fn zero(&mut self, joint_mask: u16) -> Result<Outcome, Reject>;
-    /// Change the live telemetry.
-    fn subscribe(&mut self, rate: TelemetryRate) -> Result<(), Reject>;
-    /// Appends events from number `since` on; returns the number to ask for next and how many of those asked for are lost.
-    fn events(&mut self, since: u32, into: &mut Vec<Event, MAX_EVENTS>) -> (u32, u32);
-    /// The block that holds sample `from` or the next one kept after it; an empty one at the end. Changes nothing that is kept.
-    fn drain(&mut self, from: u32) -> Result<SampleBlock, Reject>;
-    /// Send on the bus, listen.
-    fn bus_raw(&mut self, bytes: &[u8], listen_ms: u16) -> Result<Outcome<BusAnswer>, Reject>;
-    /// Store a key.
-    fn set_key(&mut self, key: &Key) -> Result<Outcome, Reject>;
-    /// Restart soon; the answer is still to be sent.
-    fn reset(&mut self) -> Result<Outcome, Reject>;
-    /// What survived the last crash.
-    fn crash(&mut self) -> Option<CrashRecord>;
-    /// Drive another table profile.
-    fn set_drivers(&mut self, _profile: Profile) -> Result<Outcome, Reject> {
-        Err(Reject::Unsupported)
-    }
-    /// Be another robot.
-    fn set_robot(&mut self, _robot: &WireRobot) -> Result<Outcome, Reject> {
-        Err(Reject::Unsupported)
-    }
-    /// Which robot it is.
-    fn robot(&mut self) -> Result<WireRobot, Reject> {
-        Err(Reject::Unsupported)
-    }
-    /// What is driven, and what is on the bus that is not.
-    fn drivers(&mut self) -> Drivers {
-        (Profile::Packed, Vec::new())
-    }
-}
-
-/// Table profile that is driven, and drivers of another one.
-pub type Drivers = (Profile, Vec<WrongDriver, MAX_DRIVERS>);
-
-/// What was heard on the bus.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct BusAnswer {
-    /// How listening ended.
-    pub status: BusStatus,
-    /// Bytes heard.
-    pub bytes: Vec<u8, MAX_BUS_BYTES>,
-}
-
-/// The result of an order that was [`Outcome::Pending`].
-#[derive(Debug, Clone, PartialEq, Eq)]
-#[allow(
-    clippy::large_enum_variant,
-    reason = "no heap to box into; one lives at a time"
-)]
-pub enum Completed {
-    /// Done, nothing to tell.
-    Ack,
-    /// A gait is stored.
-    GaitStored(StoredGait),
-    /// The bus answered.
-    Bus(BusAnswer),
-}
-
-impl Completed {
-    fn into_message(self, request: u8) -> FromModule {
-        match self {
-            Self::Ack => FromModule::Ack { request },
-            Self::GaitStored(StoredGait {
-                slot,
-                digest,
-                active,
-            }) => FromModule::GaitStored {
-                slot,
-                digest,
-                active,
-            },
-            Self::Bus(BusAnswer { status, bytes }) => FromModule::BusReply { status, bytes },
-        }
-    }
-}
-
-impl From<Outcome> for Option<Completed> {
-    fn from(outcome: Outcome) -> Self {
-        match outcome {
-            Outcome::Done(()) => Some(Completed::Ack),
-            Outcome::Pending => None,
-        }
-    }
-}
 
 /// Largest frame that answers a state-changing request: a `BusReply`.
 const MAX_KEPT: usize = cobs::max_encoding_length(13 + 1 + 2 + MAX_BUS_BYTES) + 2;
@@ -615,91 +449,6 @@ impl Server {
             since_us: now_us,
         });
         Ok(nonce)
-    }
-}
-
-/// State-changing requests. `None`: begun.
-fn carry_out<H: ModuleHandler>(
-    message: &ToModule,
-    handler: &mut H,
-) -> Result<Option<Completed>, Reject> {
-    match message {
-        ToModule::PutGait {
-            slot,
-            activate,
-            gait,
-            ..
-        } => Ok(match handler.put_gait(*slot, *activate, gait)? {
-            Outcome::Done(stored) => Some(Completed::GaitStored(stored)),
-            Outcome::Pending => None,
-        }),
-        ToModule::ActivateSlot { slot, .. } => handler.activate_slot(*slot).map(Into::into),
-        ToModule::EraseSlot { slot, .. } => handler.erase_slot(*slot).map(Into::into),
-        ToModule::Start {
-            slot,
-            digest,
-            duration_ms,
-            rate,
-            countdown_ms,
-            ..
-        } => handler
-            .start(&StartOrder {
-                slot: *slot,
-                digest: *digest,
-                duration_ms: *duration_ms,
-                rate: *rate,
-                countdown_ms: *countdown_ms,
-                lease_ms: None,
-            })
-            .map(Into::into),
-        ToModule::StartTethered {
-            slot,
-            digest,
-            duration_ms,
-            rate,
-            countdown_ms,
-            lease_ms,
-            ..
-        } => handler
-            .start(&StartOrder {
-                slot: *slot,
-                digest: *digest,
-                duration_ms: *duration_ms,
-                rate: *rate,
-                countdown_ms: *countdown_ms,
-                lease_ms: Some(*lease_ms),
-            })
-            .map(Into::into),
-        ToModule::Heartbeat { .. } => handler.heartbeat().map(Into::into),
-        ToModule::ChangeGait { slot, digest, .. } => {
-            handler.change_gait(*slot, *digest).map(Into::into)
-        }
-        ToModule::SetDrivers { profile, .. } => handler.set_drivers(*profile).map(Into::into),
-        ToModule::SetRobot { robot, .. } => handler.set_robot(robot).map(Into::into),
-        ToModule::ClearFault { .. } => handler.clear_fault().map(Into::into),
-        ToModule::Zero { joint_mask, .. } => handler.zero(*joint_mask).map(Into::into),
-        ToModule::BusRaw {
-            bytes, listen_ms, ..
-        } => Ok(match handler.bus_raw(bytes, *listen_ms)? {
-            Outcome::Done(answer) => Some(Completed::Bus(answer)),
-            Outcome::Pending => None,
-        }),
-        ToModule::SetKey { key } => handler.set_key(key).map(Into::into),
-        ToModule::Reset { .. } => handler.reset().map(Into::into),
-        ToModule::Hello { .. }
-        | ToModule::GetInfo
-        | ToModule::GetChallenge
-        | ToModule::GetGait { .. }
-        | ToModule::ListSlots
-        | ToModule::Stop
-        | ToModule::Ping { .. }
-        | ToModule::Subscribe { .. }
-        | ToModule::GetEvents { .. }
-        | ToModule::Drain { .. }
-        | ToModule::ProveState { .. }
-        | ToModule::GetDrivers
-        | ToModule::GetRobot
-        | ToModule::GetCrash => Err(Reject::Unsupported),
     }
 }
 
