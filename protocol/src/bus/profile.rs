@@ -238,8 +238,8 @@ const fn dynamixel(
 /// Feetech: first address of the cyclic read, Torque Enable (Feetech SDK, `SMS_STS_TORQUE_ENABLE`, `SCSCL_TORQUE_ENABLE`).
 const FEETECH_FEEDBACK: u16 = 40;
 
-/// Places in the block 40..=70 (Feetech SDK, "SRAM"; status 65: protocol manual, memory table). Load has its sign in bit 10, the others of STS
-/// in bit 15 (LeRobot, `STS_SMS_SERIES_ENCODINGS_TABLE`).
+/// Places in the block 40..=70 (Feetech SDK, "SRAM"; status 65: LeRobot). Load has its sign in bit 10, the others of STS in bit 15 (Feetech SDK,
+/// `ReadLoad`, `ReadPos`, `ReadSpeed`).
 const fn feetech_layout(order: Order, sign: Sign, marker: Option<Field>) -> Layout {
     const fn at(address: u16, len: u8, order: Order, sign: Sign) -> Field {
         Field::new(address - FEETECH_FEEDBACK, len, order, sign)
@@ -342,7 +342,7 @@ const fn feetech(
     order: Order,
 ) -> ProfileInfo {
     let scs = matches!(order, Order::Big);
-    // SCS positions are never negative; STS ones have their sign in bit 15 (LeRobot).
+    // SCS positions are never negative; STS ones have their sign in bit 15 (Feetech SDK, `ReadPos`).
     let sign = if scs { Sign::None } else { Sign::Magnitude(15) };
     let marker = Field::new(46 - FEETECH_FEEDBACK, 2, order, Sign::None);
     ProfileInfo {
@@ -371,7 +371,8 @@ const fn feetech(
     }
 }
 
-/// STS: 4096 counts a turn, goals of 7.5 turns (Feetech memory table: -30719..=30719); 1 step/s = 1.534 mrad/s; 6.5 mA; load 0.1 %.
+/// STS: 4096 counts a turn (LeRobot), goals of 7.5 turns (-30719..=30719, not verified); 1 step/s = 1.534 mrad/s, as it is with bit 2 of Phase
+/// (18) set; 6.5 mA (not verified); load 0.1 %.
 const STS_UNITS: Units = Units {
     counts: 4096,
     turn_urad: 6_283_185,
