@@ -9,7 +9,7 @@ use files::dataset::{Manifest, Recording, Role};
 
 use crate::candidates::{self, Candidate, Scales};
 use crate::experiment::Experiment;
-use crate::fit::{Model, Objective};
+use crate::fit::{Model, Objective, Stop};
 use crate::floor::{self, Floor};
 use crate::joint::{P, Params, Problem};
 use crate::select::{Options, Search, Selection, Watch};
@@ -188,10 +188,10 @@ pub fn diagnose(
     joint: usize,
     settings: &Settings,
 ) -> Result<Diagnosis, DiagnoseError> {
-    diagnose_watched(manifest, recordings, joint, settings, &|_| true)
+    diagnose_watched(manifest, recordings, joint, settings, Watch::NOBODY)
 }
 
-/// [`diagnose`], telling `watch` what comes next; when it answers `false` the verdict is made from what is there and
+/// [`diagnose`], telling `watch` what comes next. When it ends the search, the verdict is made from what is there and
 /// marked as partial.
 ///
 /// # Errors
@@ -228,6 +228,7 @@ pub fn diagnose_watched(
         weight: floor.weights(),
         prior_weight: 0.0,
         robust: floor.repeat.is_some(),
+        stop: Stop::NEVER,
     };
     let floor_cost = floor.cost(mean_count(&merged));
     let unfitted: Vec<P> = (free.iter().filter(|f| f.tolerance.is_none()))
@@ -285,8 +286,12 @@ pub fn diagnose_watched(
         problem,
     };
     out.verdict = answer::verdict(&out, &search.library, settings);
-    if watch("choosing the next experiment") {
-        answer::propose(&mut out, &search);
+    if watch.goes_on("choosing the next experiment") {
+        let mut with = out.clone();
+        answer::propose(&mut with, &search.until(Stop::when(watch.stop)));
+        if !(watch.stop)() {
+            out = with;
+        }
     }
     Ok(out)
 }

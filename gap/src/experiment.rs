@@ -6,7 +6,7 @@
 use files::dataset::{self, Command, Signal};
 
 use crate::candidates::measured;
-use crate::fit::{Model, Objective};
+use crate::fit::{Model, Objective, Stop};
 use crate::joint::data::{CHANNELS, Edge, RunData, Sample};
 use crate::joint::{Channel, Params, Problem, Trace, simulate};
 use crate::math;
@@ -254,7 +254,13 @@ const SIGNALS: [(&[Signal], &[Channel]); 4] = [
 const CLEAR: f64 = 6.0;
 
 /// Standard deviations that the best of `rivals` stays away from `data`.
-fn separation(data: &Problem, rivals: &[Model], weight: [f64; CHANNELS], independent: f64) -> f64 {
+fn separation(
+    data: &Problem,
+    rivals: &[Model],
+    weight: [f64; CHANNELS],
+    independent: f64,
+    stop: Stop<'_>,
+) -> f64 {
     let seconds = data.runs[0].steps as f64 * data.dt_s;
     let floor = weight.iter().filter(|w| **w > 0.0).count().max(1) as f64;
     let o = Objective {
@@ -263,6 +269,7 @@ fn separation(data: &Problem, rivals: &[Model], weight: [f64; CHANNELS], indepen
         weight,
         prior_weight: floor / independent,
         robust: false,
+        stop,
     };
     let mut fitted = rivals.to_vec();
     let costs = o.polish_all(&mut fitted, 5);
@@ -271,7 +278,8 @@ fn separation(data: &Problem, rivals: &[Model], weight: [f64; CHANNELS], indepen
     (2.0 * seconds * libm::log1p(least / floor)).sqrt()
 }
 
-/// The experiment that separates `truth` from `rivals` best, with the fewest signals that make it clear.
+/// The experiment that separates `truth` from `rivals` best, with the fewest signals that make it clear. It means
+/// nothing once `stop` was asked for.
 #[must_use]
 pub fn separating(
     problem: &Problem,
@@ -279,6 +287,7 @@ pub fn separating(
     rivals: &[Model],
     weight: [f64; CHANNELS],
     independent: f64,
+    stop: Stop<'_>,
 ) -> Option<Experiment> {
     let l = limits(problem).filter(|_| position_command(problem))?;
     let mut best: Option<Experiment> = None;
@@ -293,7 +302,7 @@ pub fn separating(
             for c in channels.iter().filter(|c| !measured(problem, **c)) {
                 weight[*c as usize] = expected_weight(&data, *c, weight[0]);
             }
-            let found = separation(&data, rivals, weight, independent);
+            let found = separation(&data, rivals, weight, independent, stop);
             // More signals must earn their price.
             let beaten = |b: &Experiment| {
                 let more = signals.len() > b.signals.len();

@@ -6,10 +6,12 @@
 mod algebra;
 mod shared;
 mod spread;
+mod stop;
 
 use self::algebra::{cholesky, dot, solve};
 pub use self::shared::Linear;
 pub use self::spread::{Spread, spread};
+pub use self::stop::Stop;
 use rayon::prelude::*;
 
 use crate::joint::data::CHANNELS;
@@ -114,6 +116,8 @@ pub struct Objective<'a> {
     pub prior_weight: f64,
     /// Huber loss; only where repeats give the tolerance a meaning.
     pub robust: bool,
+    /// Ends the work early.
+    pub stop: Stop<'a>,
 }
 
 /// Relative step of the finite differences: large enough to step over the kinks that dry friction makes.
@@ -166,8 +170,11 @@ impl Objective<'_> {
         self.runs.iter().map(|r| self.problem.runs[*r].count).sum()
     }
 
-    /// Weighted residuals of one run, a column per parameter set.
+    /// Weighted residuals of one run, a column per parameter set; columns without a row once the work is to end.
     fn residuals(&self, run: usize, sets: &[Params]) -> Errors {
+        if self.stop.asked() {
+            return Errors::none(sets.len());
+        }
         let data = &self.problem.runs[run];
         let weights = Weights {
             channels: self.weight,

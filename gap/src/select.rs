@@ -1,5 +1,6 @@
 //! Which effects: forward selection on held-out gaits, backward pruning, exchange against rivals.
 
+mod course;
 mod exchange;
 mod horizon;
 mod material;
@@ -10,6 +11,7 @@ use crate::fit::{Model, Objective};
 use crate::joint::{P, Params};
 use crate::vocabulary::{Effect, Stage};
 
+pub use course::Watch;
 pub use exchange::Rival;
 
 /// Settings of the search.
@@ -128,10 +130,8 @@ pub struct Selection {
     pub partial: bool,
 }
 
-/// Asked between steps with a few words about what comes next; `false` stops the search.
-pub type Watch<'a> = &'a (dyn Fn(&str) -> bool + Sync);
-
 /// The search.
+#[derive(Clone)]
 pub struct Search<'a> {
     /// Cost over all fit runs.
     pub objective: Objective<'a>,
@@ -343,79 +343,6 @@ impl Search<'_> {
         gain > self.options.least_gain && evidence > self.options.least_evidence
     }
 
-    /// Runs the search from the calibrated nominal model.
-    #[must_use]
-    pub fn run(&self, calibrated: Model, watch: Watch<'_>) -> Selection {
-        let o = self.tuned(&calibrated);
-        let held = self.held_out(&o, &calibrated);
-        let mut node = Node {
-            model: calibrated,
-            found: Vec::new(),
-            held,
-        };
-        let mut first = node.held_out();
-        let mut log = Vec::new();
-        let mut steps = vec![step(None, &node)];
-        let mut branches: Vec<Node> = Vec::new();
-        let mut partial = false;
-        while node.found.len() < self.options.most
-            && (self.room(node.held_out(), first) || self.is_strained(&node))
-        {
-            if !watch(&format!("searching effect {}", node.found.len() + 1)) {
-                partial = true;
-                break;
-            }
-            let o = self.tuned(&node.model);
-            let mut tries = self.expand(&o, &node.model, &node.found);
-            let mut best = self.believed(&o, &node, &mut tries, first, &mut log);
-            let open = self.open(&node, first);
-            for other in branches.drain(..).filter(|_| open) {
-                let mut tries = self.expand(&o, &other.model, &other.found);
-                let pick = self.believed(&o, &other, &mut tries, first, &mut log);
-                let limit = best.as_ref().map_or(f64::INFINITY, |b| 0.97 * b.0);
-                let better = |p: &(f64, Node)| p.0 < limit && self.gains(&o, &node, &p.1, first);
-                best = pick.filter(better).or(best);
-            }
-            best = self.grown(&node, best.as_ref(), first, &mut log).or(best);
-            if best.is_none() && node.found.is_empty() && self.options.thorough {
-                best = self.hidden(&o, &node, &tries, first, &mut log);
-            }
-            let Some((_, next)) = best else { break };
-            if node.found.is_empty() && next.found.len() == 1 {
-                let chosen = next.found.last().map(|f| f.candidate.effect);
-                branches = self.branches(&node, &tries, chosen);
-            }
-            node = next;
-            self.settle(&mut node);
-            if node.found.iter().all(|f| exact(f.candidate.effect)) {
-                first = node.held_out();
-            }
-            steps.push(step(node.found.last().map(|f| f.candidate.effect), &node));
-            self.prune(&mut node, first);
-        }
-        let mut rivals = Vec::new();
-        if !partial && watch("trying rivals") {
-            let found = node.found.len();
-            rivals = self.exchange(&mut node);
-            self.clear(&mut node, first);
-            if node.found.len() < found {
-                rivals = self.exchange(&mut node);
-            }
-        }
-        rivals.resize_with(node.found.len(), Vec::new);
-        Selection {
-            first,
-            held_out: node.held_out(),
-            fitted: self.objective.data_cost(&node.model.params),
-            model: node.model,
-            found: node.found,
-            steps,
-            considered: log,
-            rivals,
-            partial,
-        }
-    }
-
     /// Refits a node with priors that weigh what they should at its present error: while a large effect was missing they
     /// weighed too much.
     fn settle(&self, node: &mut Node) {
@@ -541,13 +468,5 @@ impl Search<'_> {
             }
         }
         m
-    }
-}
-
-fn step(added: Option<Effect>, node: &Node) -> Step {
-    Step {
-        added,
-        model: node.model.clone(),
-        held_out: node.held_out(),
     }
 }

@@ -3,6 +3,7 @@
 mod common;
 
 use files::dataset::{Recording, Signal};
+use gap::fit::Stop;
 use gap::joint::{P, Params, Problem};
 use gap::vocabulary::Effect;
 use gap::{Settings, diagnose, experiment};
@@ -55,7 +56,8 @@ fn a_law_is_told_from_its_absence_and_not_from_itself() {
         params: Params::default(),
         free: free.clone(),
     };
-    let e = experiment::separating(&problem, &truth, &[rival], weight, 100.0).expect("a motion");
+    let e = experiment::separating(&problem, &truth, &[rival], weight, 100.0, Stop::NEVER)
+        .expect("a motion");
     let promised = e.separation.expect("a class");
     assert!(promised > 6.0, "{promised}");
     // A model that already is the truth cannot be told from it.
@@ -63,6 +65,7 @@ fn a_law_is_told_from_its_absence_and_not_from_itself() {
         params: truth,
         free,
     };
-    let e = experiment::separating(&problem, &truth, &[same], weight, 100.0).expect("a motion");
+    let e = experiment::separating(&problem, &truth, &[same], weight, 100.0, Stop::NEVER)
+        .expect("a motion");
     assert!(e.separation < Some(0.5), "{:?}", e.separation);
 }

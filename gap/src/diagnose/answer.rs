@@ -472,7 +472,8 @@ pub(super) fn propose(d: &mut Diagnosis, search: &Search<'_>) {
                 experiment::survey(&d.problem)
             } else {
                 let weight = d.floor.weights();
-                experiment::separating(&d.problem, truth, &others, weight, d.independent)
+                let stop = search.objective.stop;
+                experiment::separating(&d.problem, truth, &others, weight, d.independent, stop)
             };
             let advice = format!(
                 "To distinguish {}: {}.",

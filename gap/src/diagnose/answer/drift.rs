@@ -1,7 +1,7 @@
 //! A zero of the encoder that moves in time is no offset.
 
 use crate::diagnose::Diagnosis;
-use crate::fit::{Free, Model, Objective};
+use crate::fit::{Free, Model, Objective, Stop};
 use crate::joint::{P, Params};
 
 /// Part of an offset by which its values in the two halves of the runs may differ. A zero that wanders at an even pace from
@@ -60,6 +60,7 @@ fn half(d: &Diagnosis, params: Params, free: Free, early: bool) -> Half {
         weight: d.floor.weights(),
         prior_weight: 0.0,
         robust: d.floor.repeat.is_some(),
+        stop: Stop::NEVER,
     };
     let mut model = Model {
         params,

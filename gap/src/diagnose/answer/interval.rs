@@ -2,7 +2,7 @@
 
 use crate::candidates::Candidate;
 use crate::diagnose::Diagnosis;
-use crate::fit::{self, Objective, Spread};
+use crate::fit::{self, Objective, Spread, Stop};
 use crate::joint::arrival::regularity;
 use crate::joint::{P, Params, Problem};
 use crate::names;
@@ -17,6 +17,7 @@ pub(super) fn spread(d: &Diagnosis) -> Option<Spread> {
         weight: d.floor.weights(),
         prior_weight: 1.0 / d.independent,
         robust: d.floor.repeat.is_some(),
+        stop: Stop::NEVER,
     };
     let gaits: Vec<usize> = (d.fit_runs.iter())
         .map(|r| d.problem.runs[*r].gait)

@@ -101,6 +101,16 @@ impl Errors {
         }
     }
 
+    /// Columns without a row for `count` parameter sets.
+    #[must_use]
+    pub fn none(count: usize) -> Self {
+        Self {
+            rows: 0,
+            count,
+            all: Vec::new(),
+        }
+    }
+
     /// The columns in the order of the parameter sets.
     pub fn iter(&self) -> impl Iterator<Item = &[f64]> {
         (0..self.count).map(|k| &self.all[k * self.rows..][..self.rows])

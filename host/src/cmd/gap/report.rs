@@ -1,9 +1,11 @@
 //! `rb-host gap report` and `rb-host gap predict`.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use gap::report::Subject;
+use gap::select::Watch;
 use gap::verdict::Verdict;
 use gap::vocabulary::Effect;
 use gap::{Diagnosis, Settings};
@@ -81,13 +83,22 @@ fn diagnose(
 ) -> Outcome<Diagnosis> {
     let start = Instant::now();
     let phases = context.out.phases("calibrating");
-    let watch = |next: &str| {
+    // Before the search there is nothing yet that a verdict could be made of.
+    let calibrating = Mutex::new(Some(interrupt::at_once("stopped; nothing was written")));
+    let next = |next: &str| {
+        calibrating
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
         context.out.detail(next);
         phases.begin(next, share(next));
-        let late = limit.is_some_and(|l| start.elapsed() > l);
-        !late && !interrupt::pressed()
     };
-    let diagnosed = gap::diagnose_watched(&input.manifest, &input.recordings, 0, settings, &watch);
+    let late = || limit.is_some_and(|l| start.elapsed() > l);
+    let watch = Watch {
+        next: &next,
+        stop: &|| interrupt::pressed() || late(),
+    };
+    let diagnosed = gap::diagnose_watched(&input.manifest, &input.recordings, 0, settings, watch);
     drop(phases);
     let mut d = diagnosed.map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?;
     let provenance = &mut d.verdict.provenance;
