@@ -28,6 +28,11 @@ pub struct GaitJob<'a> {
 pub trait GaitTrials {
     /// Outcomes in the order of the jobs.
     fn run(&self, jobs: &[GaitJob<'_>]) -> Vec<TrialOutcome>;
+
+    /// Whether somebody wants the search to end. Outcomes mean nothing then, and some may be missing.
+    fn stopped(&self) -> bool {
+        false
+    }
 }
 
 /// A gait worth remembering: it was its particle's best when found.
@@ -83,8 +88,9 @@ impl Search {
         })
     }
 
-    /// One iteration: every particle, every repetition, then the swarm moves.
-    pub fn iterate(&mut self, trials: &impl GaitTrials) {
+    /// One iteration: every particle, every repetition, then the swarm moves. Gives whether it came to its end; the search stays
+    /// as it was when the trials were stopped.
+    pub fn iterate(&mut self, trials: &impl GaitTrials) -> bool {
         let positions: Vec<Vec<f64>> = self.swarm.ask().iter().map(|x| x.to_vec()).collect();
         let gaits: Vec<Option<Gait>> = positions
             .iter()
@@ -106,6 +112,9 @@ impl Search {
             })
             .collect();
         let outcomes = trials.run(&jobs);
+        if trials.stopped() {
+            return false;
+        }
         let mut fitness = vec![0.0; positions.len()];
         for (jobs, outcomes) in jobs
             .chunks(usize::from(repetitions))
@@ -121,6 +130,7 @@ impl Search {
         }
         // The count is right by construction; a refusal would leave the swarm as it was.
         let _ = self.swarm.tell(&fitness);
+        true
     }
 
     fn count(&mut self, score: &Score, trials: usize) {

@@ -87,6 +87,10 @@ impl<T: GaitTrials, E: Exchange> GaitTrials for Sharded<T, E> {
             })
             .collect()
     }
+
+    fn stopped(&self) -> bool {
+        self.any(self.local.stopped())
+    }
 }
 
 /// An outcome that a process did not deliver: it counts as failed and is seen in the search's counts.

@@ -27,6 +27,7 @@ pub struct Simulated {
     noise_rad: f64,
     duration_s: f64,
     seed: u64,
+    stop: fn() -> bool,
 }
 
 impl Simulated {
@@ -60,6 +61,7 @@ impl Simulated {
             noise_rad: model.value(Key::CpgNoise),
             duration_s: duration_s.into(),
             seed,
+            stop: never,
         })
     }
 
@@ -67,6 +69,12 @@ impl Simulated {
     #[must_use]
     pub fn at(self, level: Level) -> Self {
         Self { level, ..self }
+    }
+
+    /// The same trials, asking `stop` before every group of lanes whether to leave the rest.
+    #[must_use]
+    pub fn until(self, stop: fn() -> bool) -> Self {
+        Self { stop, ..self }
     }
 
     fn trial(&self, job: &GaitJob<'_>) -> Trial {
@@ -87,11 +95,22 @@ impl Simulated {
 impl GaitTrials for Simulated {
     fn run(&self, jobs: &[GaitJob<'_>]) -> Vec<TrialOutcome> {
         let trials: Vec<Trial> = jobs.iter().map(|job| self.trial(job)).collect();
-        run_all(self.level, &trials, &self.options)
-            .into_iter()
-            .map(outcome)
-            .collect()
+        let groups = trials.par_chunks(self.level.lanes());
+        let run = |group: &[Trial]| match (self.stop)() {
+            true => Vec::new(),
+            false => run_group(self.level, group, &self.options),
+        };
+        groups.flat_map_iter(run).map(outcome).collect()
     }
+
+    fn stopped(&self) -> bool {
+        (self.stop)()
+    }
+}
+
+/// Nobody wants the work to end.
+fn never() -> bool {
+    false
 }
 
 fn outcome(outcome: Outcome) -> TrialOutcome {
@@ -116,6 +135,7 @@ pub struct SimulatedMotions {
     options: Options,
     level: Level,
     duration_s: f64,
+    stop: fn() -> bool,
 }
 
 impl SimulatedMotions {
@@ -133,6 +153,7 @@ impl SimulatedMotions {
             options,
             level: Level::detect(),
             duration_s,
+            stop: never,
         }
     }
 
@@ -140,6 +161,12 @@ impl SimulatedMotions {
     #[must_use]
     pub fn at(self, level: Level) -> Self {
         Self { level, ..self }
+    }
+
+    /// The same motions, asking `stop` before every group of lanes whether to leave the rest.
+    #[must_use]
+    pub fn until(self, stop: fn() -> bool) -> Self {
+        Self { stop, ..self }
     }
 
     /// The model with these values in the rows of Table II.
@@ -211,6 +238,9 @@ pub fn base_pose(base: &physics::Pose) -> Pose {
 impl MotionTrials for SimulatedMotions {
     fn run(&self, jobs: &[MotionJob<'_>]) -> Vec<Option<Motion>> {
         let run = |jobs: &[MotionJob<'_>]| {
+            if (self.stop)() {
+                return vec![None; jobs.len()];
+            }
             let trials: Vec<Option<Trial>> = jobs.iter().map(|job| self.trial(job)).collect();
             let possible: Vec<Trial> = trials.iter().flatten().cloned().collect();
             let mut outcomes = run_group(self.level, &possible, &self.options).into_iter();
@@ -224,14 +254,10 @@ impl MotionTrials for SimulatedMotions {
         let groups = jobs.par_chunks(self.level.lanes());
         groups.flat_map_iter(run).collect()
     }
-}
 
-/// All trials in order; groups of lanes go to the threads of the current pool.
-fn run_all(level: Level, trials: &[Trial], options: &Options) -> Vec<Outcome> {
-    let groups = trials.par_chunks(level.lanes());
-    groups
-        .flat_map_iter(|group| run_group(level, group, options))
-        .collect()
+    fn stopped(&self) -> bool {
+        (self.stop)()
+    }
 }
 
 /// Trials that fit the lanes, on this thread.

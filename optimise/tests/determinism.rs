@@ -57,7 +57,7 @@ fn search_start() -> Search {
 fn search_on(mut search: Search, level: Level, iterations: u32) -> Search {
     let trials = Simulated::new(&Model::hand_tuned(), DURATION_S, SEED).unwrap();
     let trials = trials.at(level);
-    (0..iterations).for_each(|_| search.iterate(&trials));
+    (0..iterations).for_each(|_| assert!(search.iterate(&trials)));
     search
 }
 
@@ -146,7 +146,7 @@ fn fit_on(fit: Option<Fit>, gaits: &[FilmedGait], level: Level, iterations: u32)
     let likeness = Likeness::new(gaits, camera()).unwrap();
     let start = rows_of(&Model::hand_tuned());
     let mut fit = fit.unwrap_or_else(|| Fit::start(&[3, 13, 21, 22], &start, 5, SEED).unwrap());
-    (0..iterations).for_each(|_| fit.iterate(&likeness, &motions(level)).unwrap());
+    (0..iterations).for_each(|_| assert!(fit.iterate(&likeness, &motions(level)).unwrap()));
     fit
 }
 

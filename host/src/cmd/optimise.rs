@@ -179,7 +179,8 @@ impl Task {
             Some(file) => Simulated::on(Arc::clone(&file.robot), &self.model, duration_s, seed),
             None => Simulated::new(&self.model, duration_s, seed),
         };
-        trials.map_err(|error| Failure::new(Exit::BadFile, error))
+        let trials = trials.map_err(|error| Failure::new(Exit::BadFile, error))?;
+        Ok(trials.until(interrupt::pressed))
     }
 
     /// The search at its start, or as the checkpoint has it. The process that writes gets the folder with it.
@@ -232,7 +233,8 @@ fn drive<T: GaitTrials, E: Exchange>(
         ));
     }
     let settings = &task.settings;
-    let _grace = interrupt::grace("stopping after this iteration; the checkpoint is written");
+    let _grace =
+        interrupt::grace("stopping; the checkpoint of the last whole iteration is written");
     let begun = Instant::now();
     let bar = folder.is_some().then(|| {
         context
@@ -247,7 +249,10 @@ fn drive<T: GaitTrials, E: Exchange>(
         if interrupted {
             break;
         }
-        search.iterate(trials);
+        if !search.iterate(trials) {
+            interrupted = true;
+            break;
+        }
         stored = folder
             .as_ref()
             .map_or(Ok(()), |folder| folder.store(&search));

@@ -213,7 +213,8 @@ fn iterate(
     folder: &Folder,
     context: &Context,
 ) -> Outcome<bool> {
-    let _grace = interrupt::grace("stopping after this iteration; the checkpoint is written");
+    let _grace =
+        interrupt::grace("stopping; the checkpoint of the last whole iteration is written");
     let begun = Instant::now();
     let bar = context
         .out
@@ -224,10 +225,15 @@ fn iterate(
             bar.finish_and_clear();
             return Ok(true);
         }
-        stored
+        let searching = trials.clone().until(interrupt::pressed);
+        let whole = stored
             .fit
-            .iterate(likeness, trials)
+            .iterate(likeness, &searching)
             .map_err(|error| Failure::new(Exit::BadFile, error))?;
+        if !whole {
+            bar.finish_and_clear();
+            return Ok(true);
+        }
         folder.store(stored)?;
         bar.set_position(u64::from(stored.fit.swarm().iteration()));
         let best = stored.fit.swarm().best().map_or(0.0, |best| best.fitness);

@@ -93,9 +93,14 @@ impl Placement {
 }
 
 /// Something that simulates motions; the result of a job depends on that job alone.
-pub trait MotionTrials {
+pub trait MotionTrials: Sync {
     /// Motions in the order of the jobs; `None` where a number was lost.
     fn run(&self, jobs: &[MotionJob<'_>]) -> Vec<Option<Motion>>;
+
+    /// Whether somebody wants the work to end. Motions mean nothing then, and some may be missing.
+    fn stopped(&self) -> bool {
+        false
+    }
 }
 
 /// What was filmed of one gait on the robot.

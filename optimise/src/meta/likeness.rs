@@ -91,6 +91,7 @@ impl<'a> Likeness<'a> {
             .zip(motions)
             .map_init(Canvas::default, |canvas, ((parameters, filmed), motion)| {
                 motion
+                    .filter(|_| !trials.stopped())
                     .map(|motion| self.ratio(filmed, &motion, parameters, stride, canvas))
                     .transpose()
             })

@@ -123,7 +123,7 @@ impl Fit {
         all
     }
 
-    /// One iteration over the training gaits.
+    /// One iteration over the training gaits. Gives whether it came to its end; the fit stays as it was when the trials were stopped.
     ///
     /// # Errors
     /// When films do not compare; the fit is unchanged then.
@@ -131,7 +131,7 @@ impl Fit {
         &mut self,
         likeness: &Likeness<'_>,
         trials: &impl MotionTrials,
-    ) -> Result<(), MetaError> {
+    ) -> Result<bool, MetaError> {
         let candidates: Vec<[f64; ROWS]> = self
             .swarm
             .ask()
@@ -139,11 +139,14 @@ impl Fit {
             .map(|x| self.parameters(x))
             .collect();
         let fitness = likeness.fitness(&candidates, trials)?;
+        if trials.stopped() {
+            return Ok(false);
+        }
         // The count is right by construction.
         let _ = self.swarm.tell(&fitness);
         self.means
             .push(fitness.iter().sum::<f64>() / fitness.len().max(1) as f64);
-        Ok(())
+        Ok(true)
     }
 
     /// The swarm: iteration, best, curve (the paper's figure 6).
