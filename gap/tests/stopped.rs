@@ -1,4 +1,5 @@
 //! A search of a joint that is asked to stop ends within one simulation of a run, and keeps what it had found.
+#![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
 mod common;
 
