@@ -437,6 +437,10 @@ impl Run<'_> {
                 return Ok(None);
             }
         }
+        self.context.out.say(format_args!(
+            "its joints run down to rest; waiting at most {} s for that and for the last samples",
+            STOPPING.as_secs()
+        ));
         let until = self.robot.link().now() + STOPPING;
         while self.robot.link().now() < until {
             match self.robot.next(Duration::from_millis(200)) {

@@ -307,6 +307,8 @@ fn ctrl_c_stops_the_robot_and_says_so() {
     reader.read_to_string(&mut said).unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
     assert!(said.contains("robot stopped (STOP acknowledged)"), "{said}");
+    // What takes longer than a moment says why.
+    assert!(said.contains("waiting at most 6 s for that"), "{said}");
     let check = rb(&folder, &["rec", "info", "cut.mcap", "--json"])
         .expect(0)
         .json();
