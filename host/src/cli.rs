@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, ColorChoice, CommandFactory, Parser};
+use clap::{Arg, Args, ColorChoice, CommandFactory, Parser};
 
 use crate::cmd::Command;
 use crate::output::{Level, Output};
@@ -76,8 +76,26 @@ pub struct Global {
 /// The whole command line with the examples at the end of every help.
 #[must_use]
 pub fn command() -> clap::Command {
-    crate::examples::add(Cli::command())
+    let command = crate::examples::add(Cli::command());
+    let all = command.get_arguments();
+    let global: Vec<Arg> = all.filter(|a| a.is_global_set()).cloned().collect();
+    command.mut_subcommands(|sub| {
+        let Some((_, kept)) = WITH_FEW.iter().find(|row| row.0 == sub.get_name()) else {
+            return sub;
+        };
+        let without = global
+            .iter()
+            .filter(|a| !kept.contains(&a.get_id().as_str()));
+        sub.args(without.map(|a| a.clone().hide(true)))
+    })
 }
+
+/// Commands that read neither settings nor robot, with the global options that mean something there; the others are taken and not shown.
+const WITH_FEW: [(&str, &[&str]); 3] = [
+    ("completions", &[]),
+    ("man", &["quiet", "color"]),
+    ("version", &["json"]),
+];
 
 impl Global {
     /// Where and how to print.
@@ -122,3 +140,50 @@ pub fn parse_duration(text: &str) -> Result<std::time::Duration, DurationError> 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("write a time such as 30s, 500ms, 2min or 1h, at most a day")]
 pub struct DurationError;
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
+mod tests {
+    use super::*;
+
+    /// The long options in the help of a command.
+    fn shown(words: &[&str]) -> String {
+        let line = ["rb-host"].iter().chain(words).chain(&["--help"]);
+        let help = command().try_get_matches_from(line).unwrap_err();
+        help.to_string()
+    }
+
+    #[test]
+    fn a_help_shows_the_global_options_that_mean_something_there() {
+        let root = command();
+        let global: Vec<&str> = root
+            .get_arguments()
+            .filter(|a| a.is_global_set())
+            .filter_map(Arg::get_long)
+            .collect();
+        assert_eq!(global.len(), 9);
+        for (name, kept) in WITH_FEW {
+            let help = shown(&[name]);
+            for long in &global {
+                let there = help.contains(&format!("--{long}"));
+                assert_eq!(there, kept.contains(long), "{name} --{long}: {help}");
+            }
+        }
+        let help = shown(&["run"]);
+        assert!(
+            global
+                .iter()
+                .all(|long| help.contains(&format!("--{long}"))),
+            "{help}"
+        );
+    }
+
+    #[test]
+    fn options_that_are_not_shown_are_taken_all_the_same() {
+        let line = ["rb-host", "completions", "bash", "--quiet", "-p", "sim:"];
+        let matches = command().try_get_matches_from(line).unwrap();
+        let cli = <Cli as clap::FromArgMatches>::from_arg_matches(&matches).unwrap();
+        assert!(cli.global.quiet);
+        assert_eq!(cli.global.port.as_deref(), Some("sim:"));
+    }
+}
