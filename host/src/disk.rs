@@ -1,10 +1,13 @@
 //! Files on the disk: read with a limit, written in one step, never overwritten unasked, and named in every error.
 
+mod unfinished;
+
 use std::fs::{File, OpenOptions};
 use std::io::{self, ErrorKind, Read, Write};
 use std::path::{Path, PathBuf};
 
 use crate::failure::{Exit, Failure, Outcome};
+pub use unfinished::{Held, begin, claim, finish, must_be_empty};
 
 /// Largest text file that people write by hand, such as a model, a manifest or settings.
 pub const MAX_TEXT: u64 = 4 << 20;
@@ -168,37 +171,6 @@ pub fn make_folder(path: &Path) -> Outcome {
     })
 }
 
-/// Stands in a folder while a command fills it. Where it is left, the command was cut off, and the same command fills the folder anew.
-const UNFINISHED: &str = ".unfinished";
-
-/// Begins a folder that must be empty, or one that a cut-off command left; [`finish`] ends it.
-///
-/// # Errors
-/// Exit code 2 when it holds something else; 1 when the disk refuses.
-pub fn begin(folder: &Path) -> Outcome {
-    must_be_empty(folder)?;
-    make_folder(folder)?;
-    write_part(
-        &folder.join(UNFINISHED),
-        b"A command is filling this folder, or was cut off; the same command fills it anew.\n",
-    )
-}
-
-/// Ends a folder that [`begin`] began: all files are there.
-///
-/// # Errors
-/// Exit code 1 when the disk refuses.
-pub fn finish(folder: &Path) -> Outcome {
-    let mark = folder.join(UNFINISHED);
-    match std::fs::remove_file(&mark) {
-        Err(error) if error.kind() != ErrorKind::NotFound => {
-            let message = format!("cannot remove {}: {error}", mark.display());
-            Err(Failure::say(Exit::Other, message))
-        }
-        _ => Ok(()),
-    }
-}
-
 /// Writes a folder of texts, with `force` beside what it holds already; gives their paths.
 ///
 /// # Errors
@@ -210,7 +182,11 @@ pub fn write_folder(
 ) -> Outcome<Vec<PathBuf>> {
     match force {
         true => make_folder(folder)?,
-        false => begin(folder)?,
+        false => {
+            begin(folder)?;
+            let names: Vec<String> = files.iter().map(|file| file.0.clone()).collect();
+            claim(folder, &names)?;
+        }
     }
     let mut written = Vec::new();
     for (name, text) in files {
@@ -220,19 +196,6 @@ pub fn write_folder(
     }
     finish(folder)?;
     Ok(written)
-}
-
-/// Checks, before any long work, that a folder is empty, not there, or left by a cut-off command.
-///
-/// # Errors
-/// Exit code 2 when it holds something.
-pub fn must_be_empty(folder: &Path) -> Outcome {
-    let holds = std::fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
-    if holds && !folder.join(UNFINISHED).exists() {
-        let message = format!("{} exists and is not empty", folder.display());
-        return Err(Failure::say(Exit::Usage, message).hint("name another folder"));
-    }
-    Ok(())
 }
 
 /// An error of a TOML file as `FILE:LINE: what is wrong`.

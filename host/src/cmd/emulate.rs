@@ -278,6 +278,9 @@ fn robot(
     })
     .map_err(endpoint_failed)?;
     if let (Some(folder), Some(lab)) = (&args.film, EmulatedLab::beside(&robot)) {
+        let mut names = lab.seen.film.names("");
+        names.push("track.csv".to_owned());
+        disk::claim(folder, &names)?;
         lab.seen.film.write_into(folder)?;
         let track = beside::track_csv(&lab.seen.base);
         disk::write(&folder.join("track.csv"), track.as_bytes())?;

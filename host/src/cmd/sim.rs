@@ -211,7 +211,6 @@ impl<'a> Writer<'a> {
         context: &'a Context,
     ) -> Done<Self> {
         disk::begin(folder)?;
-        disk::make_folder(&folder.join("gaits"))?;
         Ok(Self {
             folder,
             films,
@@ -234,6 +233,8 @@ impl<'a> Writer<'a> {
         if self.films {
             manifest.push_str(&films::camera_toml(&films::settings(1)));
         }
+        disk::claim(self.folder, &names(gaits, runs))?;
+        disk::make_folder(&self.folder.join("gaits"))?;
         for gait in gaits {
             let file = self
                 .folder
@@ -246,7 +247,7 @@ impl<'a> Writer<'a> {
         for ((&(g, repetition), trial), outcome) in runs.iter().zip(trials).zip(outcomes) {
             // The robot is put down so that its first run stays in the middle of the picture; repeats begin at the same place.
             let start_m = *starts_m[g].get_or_insert_with(|| centring_start_m(outcome));
-            let name = format!("{}_{}", gaits[g].name(), repetition + 1);
+            let name = run_name(gaits, (g, repetition));
             let _ = write!(
                 manifest,
                 "\n[[run]]\nfile = \"{name}.csv\"\ngait = \"{}\"\n",
@@ -288,8 +289,24 @@ impl<'a> Writer<'a> {
             .film(&motion, RATE_HZ, &rows, frames, 1, placement)
             .map_err(|e| Failure::new(Exit::BadFile, e))?;
         let t_s = (0..film.len()).map(|k| k as f64 / RATE_HZ).collect();
-        Frames { t_s, frames: film }.write_into(&self.folder.join(name))
+        let film = Frames { t_s, frames: film };
+        disk::claim(self.folder, &film.names(name))?;
+        film.write_into(&self.folder.join(name))
     }
+}
+
+/// Name of a run in a data set.
+fn run_name(gaits: &[Gait], (g, repetition): (usize, u16)) -> String {
+    format!("{}_{}", gaits[g].name(), repetition + 1)
+}
+
+/// Names of the files of a data set, films apart.
+fn names(gaits: &[Gait], runs: &[(usize, u16)]) -> Vec<String> {
+    let gait = |gait: &Gait| format!("gaits/{}.toml", gait.name());
+    let run = |run: &(usize, u16)| format!("{}.csv", run_name(gaits, *run));
+    let shared = ["model.toml", "dataset.toml", "robot.toml"].map(str::to_owned);
+    let all = gaits.iter().map(gait).chain(runs.iter().map(run));
+    all.chain(shared).collect()
 }
 
 /// The start that puts the middle of a run's extent under the camera, m.

@@ -72,8 +72,16 @@ impl Frames {
     /// Exit code 2 when the folder holds something; 1 when the disk refuses.
     pub fn write(&self, folder: &Path) -> Outcome {
         disk::begin(folder)?;
+        disk::claim(folder, &self.names(""))?;
         self.write_into(folder)?;
         disk::finish(folder)
+    }
+
+    /// Names of the files that [`Self::write_into`] writes, as a folder around that of the film `film` sees them.
+    #[must_use]
+    pub fn names(&self, film: &str) -> Vec<String> {
+        let frames = (0..self.frames.len()).map(|k| within(film, &picture_name(k)));
+        frames.chain([within(film, INDEX)]).collect()
     }
 
     /// Writes into a folder, over frames that it may hold.
@@ -84,7 +92,7 @@ impl Frames {
         disk::make_folder(folder)?;
         let mut text = format!("{HEADER}\n");
         for (k, (t_s, frame)) in self.t_s.iter().zip(&self.frames).enumerate() {
-            let file = format!("{k:05}.png");
+            let file = picture_name(k);
             let png = picture::silhouette_png(frame).map_err(|e| Failure::new(Exit::Other, e))?;
             disk::write_part(&folder.join(&file), &png)?;
             let _ = writeln!(text, "{t_s:.6},{file}");
@@ -111,6 +119,11 @@ impl Frames {
         let frames = nearest.into_iter().map(|k| self.frames[k].clone());
         Ok(frames.collect())
     }
+}
+
+/// Name of the picture number `k` of a film.
+fn picture_name(k: usize) -> String {
+    format!("{k:05}.png")
 }
 
 /// The memory that the frames of a film take while they are read.

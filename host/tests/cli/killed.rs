@@ -239,6 +239,44 @@ fn a_command_that_was_killed_while_it_filled_a_folder_fills_it_in_the_end() {
 }
 
 #[test]
+fn a_shorter_command_leaves_nothing_of_a_longer_one_that_was_killed() {
+    let folder = Folder::new("cut-longer");
+    let (crawl, roll, turn) = (gait("crawl.toml"), gait("roll.toml"), gait("turn.toml"));
+    let short = |out: &'static str| {
+        let line = ["sim", &crawl, "-d", "1s", "--camera", "-o", out];
+        rb(&folder, &line)
+    };
+    short("whole").expect(0);
+    let expected = tree(&folder.path("whole"));
+    let long = [
+        "sim", &roll, &crawl, &turn, "-d", "2s", "--camera", "--repeat", "3", "-o", "out",
+    ];
+    for seen in [
+        "gaits/turn.toml",
+        "roll_2.csv",
+        "crawl_3/00040.png",
+        "model.toml",
+    ] {
+        assert!(
+            killed_at(&folder, &long, &format!("out/{seen}")),
+            "{seen}: too fast"
+        );
+        // What somebody else put there is neither removed nor taken into the data set.
+        folder.write("out/gaits/notes.txt", "mine");
+        let refused = short("out").expect(2);
+        assert!(refused.err.contains("gaits/notes.txt"), "{}", refused.err);
+        assert_eq!(
+            std::fs::read_to_string(folder.path("out/gaits/notes.txt")).unwrap(),
+            "mine"
+        );
+        std::fs::remove_file(folder.path("out/gaits/notes.txt")).unwrap();
+        short("out").expect(0);
+        assert_eq!(tree(&folder.path("out")), expected, "{seen}");
+        std::fs::remove_dir_all(folder.path("out")).unwrap();
+    }
+}
+
+#[test]
 fn a_diagnosis_that_was_killed_leaves_whole_files_or_none() {
     let folder = Folder::new("cut-report");
     let servo = format!("{}/../examples/servo", env!("CARGO_MANIFEST_DIR"));

@@ -85,6 +85,10 @@ pub(super) fn import(args: &ImportArgs, context: &Context) -> Outcome {
     let folder = DataFolder::open(&args.source).map_err(|e| disk::bad_file(&args.source, &e))?;
     let sources = sources(&folder, &args.source, args.rate)?;
     disk::begin(&args.output)?;
+    let either = |k: usize| ["pgm", "png"].map(|kind| picture_name(k, kind));
+    let mut names: Vec<String> = (0..sources.len()).flat_map(either).collect();
+    names.push(INDEX.to_owned());
+    disk::claim(&args.output, &names)?;
     let bar = context.out.progress(sources.len() as u64, "importing");
     let names = sources
         .par_iter()
@@ -174,6 +178,11 @@ fn sources(folder: &DataFolder, path: &Path, rate_hz: f64) -> Outcome<Vec<Source
     Ok(sources)
 }
 
+/// Name of picture `k` of a film in our form.
+fn picture_name(k: usize, kind: &str) -> String {
+    format!("{k:05}.{kind}")
+}
+
 /// Writes one picture in our form; its name and size.
 fn convert(
     k: usize,
@@ -184,12 +193,12 @@ fn convert(
     let picture = read_picture(folder, source)?;
     let (name, size, bytes) = match picture {
         Picture::Depth(frame) => (
-            format!("{k:05}.pgm"),
+            picture_name(k, "pgm"),
             [frame.width, frame.height],
             depth::write_pgm(&frame),
         ),
         Picture::Silhouette(frame) => (
-            format!("{k:05}.png"),
+            picture_name(k, "png"),
             [frame.width(), frame.height()],
             picture::silhouette_png(&frame).map_err(|e| Failure::new(Exit::Other, e))?,
         ),
