@@ -200,16 +200,6 @@ impl Output {
         self.bar(ProgressBar::new(length), template, what)
     }
 
-    /// A line with the present phase of work whose length nobody knows, hidden as [`Self::progress`].
-    #[must_use]
-    pub fn phase(&self, what: &str) -> ProgressBar {
-        self.bar(
-            ProgressBar::new_spinner(),
-            "{spinner} {msg}, {elapsed}",
-            what,
-        )
-    }
-
     /// Phases of work of unequal length, hidden as [`Self::progress`].
     #[must_use]
     pub fn phases(&self, what: &str) -> Phases {

@@ -121,6 +121,10 @@ fn a_diagnosis_shows_its_phase_and_the_time_that_is_left() {
         &["make-case", "none", "--gaits", "2", "-o", "./case"],
     )
     .expect("a case");
+    for set in [servo.as_str(), "case"] {
+        let words = ["searching causes", "s left"];
+        shown_at_work(&folder, &["gap", "causes", set], &words);
+    }
     let phases = ["(1 of 7)", "(2 of 7)", "s left"];
     shown_at_work(&folder, &["gap", "report", "case"], &phases);
     shown_at_work(
@@ -128,6 +132,22 @@ fn a_diagnosis_shows_its_phase_and_the_time_that_is_left() {
         &["gap", "predict", "case", "-o", "p"],
         &phases[..1],
     );
+}
+
+#[test]
+fn films_show_their_phase_and_the_time_that_is_left() {
+    let folder = Folder::new("film-phases");
+    let (crawl, roll) = (gait("crawl.toml"), gait("roll.toml"));
+    let set = [
+        "sim", &crawl, &roll, "-d", "20s", "--camera", "--repeat", "2", "-o", "set",
+    ];
+    rb(&folder, &set).expect(0);
+    let compare = ["camera", "compare", "set"];
+    shown_at_work(&folder, &compare, &["simulating and comparing", "s left"]);
+    let simulate = [
+        "camera", "simulate", "set", "--run", "crawl_1", "-o", "film",
+    ];
+    shown_at_work(&folder, &simulate, &["writing", "s left"]);
 }
 
 #[cfg(unix)]
