@@ -30,8 +30,8 @@ impl Spread {
 /// Spread of `model` at its optimum. `group` tells which runs are one motion; `independent` samples stand behind the cost.
 ///
 /// Two sources are added. Noise: the inverse curvature, for residuals that are independent over `independent` samples.
-/// Motions: each of them pulls the optimum its own way, and the sum of the squares of those pulls is what another choice
-/// of motions would have moved it by, whatever its cause (a law that is a little different, too).
+/// Motions: each of them pulls the optimum its own way. The sum of the squares of those pulls is what another choice of
+/// motions would have moved it by. The cause does not matter; it may be a law that is a little different.
 #[must_use]
 pub fn spread(
     o: &Objective<'_>,

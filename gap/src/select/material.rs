@@ -65,8 +65,8 @@ impl Search<'_> {
             && (base && self.pulls(bare, found) || self.holds(node, found, bare, first))
     }
 
-    /// Whether an effect is too small to be one: a clock that is off by less than a step at the end of the longest run moves
-    /// set-points within the doubt of their instants; a motor that loses no more than its magnets do is as strong as stated.
+    /// Whether an effect is too small to be one. A clock that is off by less than a step at the end of the longest run moves
+    /// set-points within the doubt of their instants. A motor that loses no more than its magnets do is as strong as stated.
     pub(super) fn is_nothing(&self, model: &Model, effect: Effect) -> bool {
         match effect {
             Effect::ClockSkew => {

@@ -1,7 +1,7 @@
 //! What to believe: the word of the verdict, and probabilities that sum to one.
 //!
 //! Every probability rests on how far its evidence stands from the threshold that it passed or missed, through logistic curves. That of
-//! `none` is fitted to 63 answers of three suites of emulated robots (57 right; most likely constants, to one digit); the constants of the
+//! `none` is fitted to 63 answers of three suites of emulated robots (57 right; most likely constants, to one digit). The constants of the
 //! others are chosen: near a threshold four of five answers are right, far from it nearly all. What a sealed suite makes of them is its
 //! calibration error (docs/diagnosis-data.md).
 

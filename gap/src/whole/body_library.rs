@@ -14,15 +14,15 @@ fn shift_m(model: &Model) -> f64 {
 }
 
 /// Shift of body 3 that moves the robot's centre of mass as all half-spheres together do within the tolerances of `model`, m along each
-/// axis: eight that lie 1.12 edges from the middle, root mean square of the stretched chain; body 3 is a quarter of the robot.
+/// axis. There are eight, 1.12 edges from the middle, as root mean square of the stretched chain. Body 3 is a quarter of the robot.
 pub(super) fn apart_m(model: &Model) -> f64 {
     let mass = model.parameter(Key::Mass1);
     let all = mass.tolerance / mass.value / 8.0_f64.sqrt();
     4.0 * all * 1.12 * model.value(Key::Cube) / 3.0_f64.sqrt()
 }
 
-/// Share of a step that counts as an effect of the body, whose cost is rough and whose steps are wide: small effects of robots are four tenths of them at
-/// least, a spring that two windows asked for was less than a tenth.
+/// Share of a step that counts as an effect of the body, whose cost is rough and whose steps are wide. Small effects of robots are four
+/// tenths of them at least, a spring that two windows asked for was less than a tenth.
 const WIDE: f64 = 0.2;
 /// The same of a torsional friction: windows beside another ground or another order of joints ask for one of 1.8 to 3 mm (three emulated robots without one).
 const TORSION_M: f64 = 0.003;

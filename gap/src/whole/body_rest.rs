@@ -35,8 +35,8 @@ impl Rest {
     }
 }
 
-/// Tolerances by which half the windows end off at most on contacts that differ: 0.7 to 1.1 on robots without a cause that another engine
-/// played, 0.3 to 0.6 on emulated ones; 1.5 beside a centre of mass that must not be named.
+/// Tolerances by which half the windows end off at most on contacts that differ. They are 0.7 to 1.1 on robots without a cause that
+/// another engine played, 0.3 to 0.6 on emulated ones; 1.5 beside a centre of mass that must not be named.
 const OFF: f64 = 1.25;
 /// Cost at the tolerances of the inertial sensor above which the simulator misses something of this body: 1.3 to 1.8 on emulated robots without
 /// a cause. Robots that another engine played leave 7: its contacts are not the simulator's.
@@ -44,20 +44,22 @@ const LEFT: f64 = 2.1;
 /// Cost of the calmer half of the gaits above which the same holds: 1.0 to 1.6 on 130 emulated robots without a cause, 1.9 and more where an effect of the body must
 /// not be named. Gaits with many blows leave more whatever the body is, and two robots 2.1 and 2.3 in all.
 const CALM: f64 = 1.7;
-/// Cost, at the tolerances of the inertial sensor and of contacts of any make, above which the simulator misses something of this body; and that of the
-/// calmer half of the gaits, since gaits with many blows leave more whatever the body is. On contacts of the other law MuJoCo's robots without a cause leave
-/// 2.9 and 3.0, and 2.5 and 2.6 (two, as MuJoCo comes), with one that was named 1.9 to 2.9 and 1.4 to 2.3 (eight).
+/// Cost, at the tolerances of the inertial sensor and of contacts of any make, above which the simulator misses something of this body. The
+/// second is that of the calmer half of the gaits, since gaits with many blows leave more whatever the body is. On contacts of the other
+/// law MuJoCo's robots without a cause leave 2.9 and 3.0, and 2.5 and 2.6 (two, as MuJoCo comes), with one that was named 1.9 to 2.9 and
+/// 1.4 to 2.3 (eight).
 const FOREIGN: [f64; 2] = [3.1, 2.5];
-/// The same where either law leaves as much and nothing was named: robots leave 0.7 to 1.0 and 0.6 to 0.8 where the body is emulated with this project's
-/// equations (six without a cause, 20 with one that was named), and without a cause 1.2 to 2.2 and 1.0 to 1.5 where MuJoCo plays it with a round cone of
-/// friction, soft contacts among them (seven). A ground of 8 kN/m that must not be named leaves 2.6 and 2.2.
+/// The same where either law leaves as much and nothing was named. Robots whose body is emulated with this project's equations leave 0.7 to
+/// 1.0 and 0.6 to 0.8 (six without a cause, 20 with one that was named). Without a cause 1.2 to 2.2 and 1.0 to 1.5 are left where MuJoCo
+/// plays the body with a round cone of friction, soft contacts among them (seven). A ground of 8 kN/m that must not be named leaves 2.6 and
+/// 2.2.
 const UNCLEAR: [f64; 2] = [2.4, 2.0];
 /// The same beside what was named: 1.2 to 1.5 and 0.9 to 1.2 on three robots that MuJoCo plays with a round cone and that were told their cause.
 const BESIDE: [f64; 2] = [1.8, 1.5];
 /// What emulated robots without a cause leave at the sensor's tolerances, in the middle.
 const USUAL: f64 = 1.5;
-/// Share of what the nominal body leaves from which what was found takes away so much that the rest is how its law differs: of a connector's
-/// play of 0.1 rad two honest simulators keep half, of a ground of half the friction as much.
+/// Share of what the nominal body leaves from which what was found takes away so much that the rest is how its law differs. Of a
+/// connector's play of 0.1 rad two honest simulators keep half, of a ground of half the friction as much.
 const KNOWN: f64 = 1.0 / 3.0;
 /// Share of what is left above that which a free connection between reading and link of one joint must take away to be where it arose.
 const TAKEN: f64 = 0.5;

@@ -22,9 +22,9 @@ use crate::vocabulary::Effect;
 /// more. Where echo and torque are recorded right ones made runs 0.1 to 0.8 times as wrong, a clock's skew and a zero that must not be named 1.5 to 4.8 times.
 const COLLAPSED: f64 = 2.5;
 
-/// Times the error of whole runs without a play or a spring that one is none with, unless windows of these runs end so much nearer with it. Right ones made runs 0.2 to
-/// 0.95 times as wrong, one 1.26 times with windows 0.44 times; false ones 1.2 to 1.5 times with windows 0.83 to 0.99 times, one 0.83 times (16 of the one and 4 of the other, emulated
-/// robots of six suites).
+/// Times the error of whole runs without a play or a spring that one is none with, unless windows of these runs end so much nearer with it.
+/// Right ones made runs 0.2 to 0.95 times as wrong, one 1.26 times with windows 0.44 times. False ones made them 1.2 to 1.5 times with windows 0.83
+/// to 0.99 times, one 0.83 times (16 of the one and 4 of the other, emulated robots of six suites).
 const STRAYED: f64 = 1.1;
 const NEARER: f64 = 0.7;
 

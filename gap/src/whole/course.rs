@@ -4,8 +4,9 @@ use super::search::{Given, Search};
 use super::terms::{Evaluate, Fit};
 use crate::vocabulary::Stage;
 
-/// Share of the best first effect's gain from which another one may be the right one; the cost above which, over the floor, that is asked; and what that one
-/// must leave at most of what the best leaves: a velocity limit that leaves a law of its motor is none of the frictions that nearly gain as much.
+/// Share of the best first effect's gain from which another one may be the right one. Then the cost above which, over the floor, that is
+/// asked, and what that one must leave at most of what the best leaves. A velocity limit that leaves a law of its motor is none of the
+/// frictions that nearly gain as much.
 const NEARLY: f64 = 0.9;
 const LEFT: f64 = 1.5;
 const BETTER: f64 = 0.5;

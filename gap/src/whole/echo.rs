@@ -1,8 +1,8 @@
 //! Transport read off the set-points sent and applied: clock, rounding, loss, jitter, and the rows between which a delay lies.
 //!
-//! Every sent value is followed to the row in which it is applied. A drift of the delays that all joints share is the clock; values on
-//! one grid are rounded; delays that differ by more than neighbouring rows are jitter, whose size and the losses that it hides (a value
-//! that is replaced before a row sees it) come from playing the same traffic with known sizes.
+//! Every sent value is followed to the row in which it is applied. A drift of the delays that all joints share is the clock, and values
+//! on one grid are rounded. Delays that differ by more than neighbouring rows are jitter. Its size and the losses that it hides (a
+//! value that is replaced before a row sees it) come from playing the same traffic with known sizes.
 
 use super::clock::clock;
 use super::conventions::Conventions;

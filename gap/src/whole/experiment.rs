@@ -1,8 +1,8 @@
 //! What to play next on the robot where the body holds what is open: the gait in which the explanations left over predict what differs most.
 //!
-//! Every gait of a menu is played by every explanation, from home, several times with the model's numbers drawn from their tolerances: a robot
-//! that rests on an edge falls to either side, and a gait that hangs on it promises nothing. What the explanations predict differently, over
-//! what the draws scatter by, ranks the gaits. The gaits on record are played alike, so that it can be said what the new one adds.
+//! Every gait of a menu is played by every explanation, from home, several times with the model's numbers drawn from their tolerances. A
+//! robot that rests on an edge falls to either side, and a gait that hangs on it promises nothing. What the explanations predict
+//! differently, over what the draws scatter by, ranks the gaits. The gaits on record are played alike, to say what the new one adds.
 
 use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;

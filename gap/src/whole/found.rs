@@ -294,7 +294,7 @@ fn members(
     last.members.iter().enumerate().map(one).collect()
 }
 
-/// What explains the loads of all joints as well: a film is too coarse to show whether friction or mass made them larger (emulated
+/// What explains the loads of all joints as well. A film is too coarse to show whether friction or mass made them larger (emulated
 /// robots: the windows' cost with the one over that with the other is 1.00 to 1.04 whichever is true).
 fn twin(d: &Parts, effect: Effect) -> Option<Rival> {
     let other = match effect {

@@ -23,8 +23,9 @@ const STEP: f64 = 0.2;
 const STEPS: std::ops::RangeInclusive<i32> = -7..=4;
 /// Distance from the best one within which the costs are smoothed by a parabola.
 const NEAR: f64 = 0.65;
-/// Least gain over the nominal friction, as a logarithm of both costs together: robots with other causes or none show up to 0.03, one of
-/// them 0.083, with a friction of 0.75 or less, or 1.3 or more, 0.09 and more (emulated robots, sixteen of the one and eight of the other).
+/// Least gain over the nominal friction, as a logarithm of both costs together. Robots with other causes or none show up to 0.03, one of
+/// them 0.083. With a friction of 0.75 or less, or 1.3 or more, they show 0.09 and more (emulated robots, sixteen of the one and eight of
+/// the other).
 const GAIN: f64 = 0.085;
 /// The same of a friction below the nominal one: thirty robots without one show up to 0.026.
 const GAIN_LESS: f64 = 0.055;

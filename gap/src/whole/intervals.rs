@@ -96,8 +96,9 @@ pub(super) fn played(
     }
 }
 
-/// Adds what a number of the body is off by where contacts are not plainly the nominal model's: on robots that MuJoCo plays as it comes frictions of 0.3, 0.45, 0.5
-/// and 0.5 came out 0.29, 0.40, 0.29 and 0.30, a torsional friction of 20 mm 11 mm, masses of 0.75 and 1.3 0.75 and 1.43.
+/// Adds what a number of the body is off by where contacts are not plainly the nominal model's. On robots that MuJoCo plays as it comes
+/// frictions of 0.3, 0.45, 0.5 and 0.5 came out 0.29, 0.40, 0.29 and 0.30, a torsional friction of 20 mm 11 mm, masses of 0.75 and 1.3 0.75
+/// and 1.43.
 pub(super) fn held_otherwise(effect: Effect, own: &mut BTreeMap<String, Estimate>) {
     let share = match effect {
         Effect::GroundFriction => 0.4,

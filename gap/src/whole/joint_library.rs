@@ -10,7 +10,7 @@ use super::servo::{J, JointRun};
 use crate::math;
 use crate::vocabulary::Effect;
 
-/// Speed lost per torque that a real drive may have without being called an effect, rad/s per N m (1 sigma): Table II's servo
+/// Speed lost per torque that a real drive may have without being called an effect, rad/s per N m (1 sigma). Table II's servo
 /// has none; a drive with a speed loop of about 50 Hz on the reflected rotor loses 0.03.
 const DROOP: f64 = 0.05;
 /// Set-point timing that recordings leave open, s (1 sigma).

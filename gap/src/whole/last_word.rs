@@ -33,8 +33,8 @@ pub(super) fn doubted(
     Some((at, answer.removed_alone[at].0.clone()))
 }
 
-/// Gain over its threshold below which a limit of speed beside one of torque is none: a motor at its torque's limit is slow as well, and two laws of the
-/// one differ (2.4 on an emulated robot whose speed nothing limited).
+/// Gain over its threshold below which a limit of speed beside one of torque is none. A motor at its torque's limit is slow as well, and
+/// two laws of the one differ (2.4 on an emulated robot whose speed nothing limited).
 const HURRIED: f64 = 3.0;
 
 /// A weak limit of speed beside a limit of torque, by its place among the effects found, and the fit without it.
@@ -52,8 +52,8 @@ pub(super) fn unhurried(answer: &Answer) -> Option<(usize, Fit)> {
     Some((at, answer.removed_alone[at].0.clone()))
 }
 
-/// Gain over its threshold below which the gravity load of a joint is none where links play or twist: replayed loads then stand a little elsewhere (1.4
-/// beside the play of another joint, 4.3 where one was planted beside a connector's; emulated robots).
+/// Gain over its threshold below which the gravity load of a joint is none where links play or twist. Replayed loads then stand a little
+/// elsewhere (1.4 beside the play of another joint, 4.3 where one was planted beside a connector's; emulated robots).
 const HEAVY: f64 = 2.5;
 
 /// A weak gravity load of a joint of a robot whose links are `loose`, by its place among the effects found, and the fit without it.
@@ -142,8 +142,8 @@ pub(super) fn limited(mut answer: Answer, tier: &Tier) -> Answer {
 /// it must take off to stand even so.
 const REFUTED: f64 = 1.3;
 const REPAID: f64 = 0.2;
-/// Share of its error that angle or torque of the scored runs must lose with an effect: planted ones take 3 % of one of them away at least; a dead band that a
-/// torque limit's other law asked for made both 4 % worse (emulated robots).
+/// Share of its error that angle or torque of the scored runs must lose with an effect. Planted ones take 3 % of one of them away at least.
+/// A dead band that a torque limit's other law asked for made both 4 % worse (emulated robots).
 const USEFUL: f64 = 0.01;
 
 /// Whether a joint whose scored runs have these errors [without an effect, with it] is better off without it; where its `link` was measured, that may be
@@ -155,8 +155,8 @@ fn better_off(angle_rad: Option<[f64; 2]>, torque_nm: Option<[f64; 2]>, link: bo
     (worse && !to(torque_nm, 1.0 - REPAID)) || !useful
 }
 
-/// Whether an effect that the scored runs refute took so much away, from the cost `without` it to that `with` it, that something is there which it bent to: a ripple
-/// took 5.2 of the 5.7 squared tolerances of a hysteretic spring (an emulated robot).
+/// Whether an effect that the scored runs refute took so much away, from the cost `without` it to that `with` it, that something is there
+/// which it bent to. A ripple took 5.2 of the 5.7 squared tolerances of a hysteretic spring (an emulated robot).
 fn bends(with: f64, without: f64) -> bool {
     const PLAIN: f64 = 3.0;
     const MOST: f64 = 0.5;
@@ -256,21 +256,21 @@ const APART: f64 = 2.0;
 /// wrong number of periods 0.17 (emulated robots).
 const RIPPLED: f64 = 0.05;
 
-/// Whether what a joint keeps follows a `law` that the library does not hold, where that of the `next` joint predicts so much, one below `least_nm` is the
-/// error of the loads, and the joint is said to have a `ripple`.
+/// Whether what a joint keeps follows a `law` that the library does not hold. This is so where that of the `next` joint predicts so much,
+/// one below `least_nm` is the error of the loads, and the joint is said to have a `ripple`.
 fn outside(law: &Law, next: f64, least_nm: f64, ripple: bool) -> bool {
     let apart = law.share > open::LAW && law.share > APART * next;
     (apart && law.size_nm > least_nm) || (ripple && law.share > RIPPLED)
 }
 
-/// What effects of the drivetrain may leave over what the best law leaves, and the size of a law from which it counts beside them, N m: true ones leave 0.96 at most, and
-/// of it a law predicts no more than 0.09; a hysteresis and a gain by direction that frictions imitated left 1.22 and 1.25, two others a law of 0.26 and 0.32, of 0.06 to 0.14 N m
-/// (58 joints of emulated robots).
+/// What effects of the drivetrain may leave over what the best law leaves, and the size of a law from which it counts beside them, N m.
+/// True ones leave 0.96 at most, and of it a law predicts no more than 0.09. A hysteresis and a gain by direction that frictions imitated
+/// left 1.22 and 1.25. Two others left a law of 0.26 and 0.32, of 0.06 to 0.14 N m (58 joints of emulated robots).
 const SETTLED: f64 = 1.15;
 const STRAY_NM: f64 = 0.05;
 
-/// What the effects of a joint may leave over what the best law leaves, and the size from which a law counts, where laws below `least_nm` are the error of the
-/// loads and the joint `drives` with an effect of its drivetrain or not.
+/// What the effects of a joint may leave over what the best law leaves, and the size from which a law counts. It is for joints where laws
+/// below `least_nm` are the error of the loads and the joint `drives` with an effect of its drivetrain or not.
 fn bounds(drives: bool, least_nm: f64) -> [f64; 2] {
     if drives {
         [SETTLED, STRAY_NM.min(least_nm)]

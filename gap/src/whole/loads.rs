@@ -34,9 +34,9 @@ pub(super) struct Replay<'a> {
 /// Least joints whose loads are judged together.
 pub(super) const JOINTLY: usize = 4;
 /// Relative error of the loads of all joints together: null robots show 0.97 to 1.07 (emulated robots, eight seeds); without an inertial
-/// sensor those of another engine 0.87 and, with contacts that rub less, 0.72. Where the clock is skewed a robot shows 1.16 that shows 1.08 without
-/// (perhaps rows that drift through the period of the set-points meet peaks of the torques that rows in step with them miss); joints that move in
-/// another order 1.15 for 1.02.
+/// sensor those of another engine 0.87 and, with contacts that rub less, 0.72. Where the clock is skewed a robot shows 1.16 that shows 1.08
+/// without. Perhaps rows that drift through the period of the set-points meet peaks of the torques that rows in step with them miss. Joints
+/// that move in another order show 1.15 for 1.02.
 const LOAD_ERROR: f64 = 0.035;
 const LOAD_ERROR_ROUGH: f64 = 0.07;
 /// Standard deviations by which a mass must be off to be named: of 130 emulated robots without another one one shows 3.07, the next 2.63.

@@ -1,8 +1,8 @@
 //! Is there a law in what is left that the library does not hold?
 //!
-//! The torque that the best model leaves is regressed on general features of the motion: torque and friction that depend on the place, hysteresis (stop
-//! operators of several widths, from which any rate-independent hysteresis is a sum), load by direction, and friction by speed and by load.
-//! What predicts the remainder of gaits that it was not fitted on is a law.
+//! The torque that the best model leaves is regressed on general features of the motion. They are torque and friction that depend on the
+//! place, hysteresis (stop operators of several widths, from which any rate-independent hysteresis is a sum), load by direction, and
+//! friction by speed and by load. What predicts the remainder of gaits that it was not fitted on is a law.
 
 use super::joints::Tier;
 use super::least::solve;
@@ -186,7 +186,7 @@ fn squares(samples: &[(usize, Left)]) -> f64 {
     samples.iter().map(|s| s.1.torque_nm.powi(2)).sum()
 }
 
-/// How many times as much as the best law the effects in `theta` leave of the torque that the calibrated nominal model `base` leaves: above
+/// How many times as much as the best law the effects in `theta` leave of the torque that the calibrated nominal model `base` leaves. Above
 /// one a law that the library does not hold explains more than all of them together.
 pub(super) fn rival(tier: &Tier, base: &[f64], theta: &[f64]) -> f64 {
     let before = left(tier, base);

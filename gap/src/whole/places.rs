@@ -1,8 +1,8 @@
 //! Where the gap is: shares by stage, joint and regime.
 //!
-//! Shares are shares of squared tolerances. What an effect gains counts by the tolerances of the measurement, what the calibration of a
-//! nominal parameter gains by what the tolerances that the parameter moves cost in the same fit: a precise encoder makes no large gap of a gain that is known to
-//! some per cent only.
+//! Shares are shares of squared tolerances. What an effect gains counts by the tolerances of the measurement. What the calibration of a
+//! nominal parameter gains counts by what the tolerances that the parameter moves cost in the same fit. A precise encoder makes no large
+//! gap of a gain that is known to some per cent only.
 
 use std::collections::BTreeMap;
 

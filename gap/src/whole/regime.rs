@@ -63,7 +63,7 @@ pub(super) fn regime(tier: &Tier, before: &[f64], after: &[f64], gained: bool) -
         .map_or("all", |k| MOTION[k])
 }
 
-/// Stage in which what the model leaves arose: a link that does not follow its encoder is the transmission's, an angle off by a straight
+/// Stage in which what the model leaves arose. A link that does not follow its encoder is the transmission's, an angle off by a straight
 /// line the conventions', any other angle the driver's, and a torque that the angle does not show the drivetrain's.
 pub(super) fn rest(tier: &Tier, theta: &[f64]) -> Stage {
     let mut sums = [0.0; 3];

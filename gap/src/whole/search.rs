@@ -16,8 +16,8 @@ use crate::vocabulary::{Effect, Stage};
 const LAW: f64 = 0.02;
 /// What a rival that foretells unseen gaits better may leave of all gaits, over what the effect itself leaves: a wrong law gets one gait right.
 const NO_WORSE: f64 = 1.3;
-/// Gain over its threshold from which a gait may disagree: about a play, a spring or an anisotropy where the cost is rough (robots without one showed 1.7
-/// and 1.3 on three gaits of four), and a little about any effect.
+/// Gain over its threshold from which a gait may disagree. It may do so about a play, a spring or an anisotropy where the cost is rough (robots
+/// without one showed 1.7 and 1.3 on three gaits of four), and a little about any effect.
 const CLEAR: f64 = 2.0;
 /// Candidates of a rough cost that are fitted besides because of what was seen of them: a line that promises much may hold nothing there.
 const SEEN: usize = 2;

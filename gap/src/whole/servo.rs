@@ -285,8 +285,8 @@ impl JointRun {
         crate::math::quantile(&ways, 0.95) / (APART as f64 * STEP_S)
     }
 
-    /// Simulated less measured torque at every torque sample, N m; in units of the measured current times the nominal torque per current where
-    /// that is what was measured: in units of torque a motor that had lost all its strength would fit best.
+    /// Simulated less measured torque at every torque sample, N m. Where current was measured it is in units of that times the nominal
+    /// torque per current. In units of torque a motor that had lost all its strength would fit best.
     pub(super) fn effort_errors<'a>(
         &'a self,
         trace: &'a Trace,

@@ -21,11 +21,11 @@ use super::{
 };
 use crate::vocabulary::{Effect, Stage};
 
-/// Share of a mass's effect on the loads that must stay on the friction that fits best: 0.3 for a mass of 1.4 whose friction nothing tells,
-/// less where a friction was there that is too near to the nominal one to be named.
+/// Share of a mass's effect on the loads that must stay on the friction that fits best. It is 0.3 for a mass of 1.4 whose friction nothing
+/// tells, less where a friction was there that is too near to the nominal one to be named.
 const STAYS: f64 = 0.25;
-/// Effects of the body that a replay takes over so well that a mass beside them shows in the torques: 0.838 beside a shifted centre of mass
-/// where 0.832 is true, 1.02 on soft ground (emulated robots); a slope only turns gravity.
+/// Effects of the body that a replay takes over well. A mass beside them then shows in the torques: as 0.838 beside a shifted centre
+/// of mass where 0.832 is true, 1.02 on soft ground (emulated robots); a slope only turns gravity.
 const REPLAYED: [Effect; 3] = [
     Effect::GroundSlope,
     Effect::ComOffset,

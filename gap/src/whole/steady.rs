@@ -24,9 +24,9 @@ const OFFSETS_RAD: [f64; 15] = [
 const FITTED: usize = 61;
 /// A zero that drifts runs away steadily from where homing put it, which was up to so long before a run, s: the robot goes to its first set-points.
 const HOMED_S: [f64; 4] = [0.0, 2.0, 4.0, 8.0];
-/// Least gain of such a zero over one that stays, in costs of a window at the mean; of that without the gait that gains most; and the most that a gait may
-/// lose: of 125, emulated robots whose zero drifts by 5 to 25 mrad/s gain 9.3 to 81, 3.0 and more without their best gait, and no gait loses; others gain up
-/// to 3.6, one 7.1, of it 5.8 on one gait.
+/// Least gain of such a zero over one that stays, in costs of a window at the mean; of that without the gait that gains most; and the most
+/// that a gait may lose. Of 125, emulated robots whose zero drifts by 5 to 25 mrad/s gain 9.3 to 81, 3.0 and more without their best gait,
+/// and no gait loses. Others gain up to 3.6, one 7.1, of it 5.8 on one gait.
 const AWAY: f64 = 5.0;
 const ELSEWHERE: f64 = 2.5;
 const LOSS: f64 = 1.0;
@@ -167,8 +167,8 @@ impl Tier {
     }
 }
 
-/// What a zero that runs away gains over the best offset that stays, in costs of a window at the mean, from the costs of the gaits without an offset, with
-/// that one and with the drift, of `windows` windows in all; `None` where they do not bear a drift out.
+/// What a zero that runs away gains over the best offset that stays, in costs of a window at the mean. It comes from the costs of the gaits
+/// without an offset, with that one and with the drift, of `windows` windows in all; `None` where they do not bear a drift out.
 fn ran_away([none, stays, runs]: [&[f64]; 3], windows: f64) -> Option<f64> {
     let sum = |costs: &[f64]| costs.iter().sum::<f64>();
     let unit = sum(stays) / windows;

@@ -29,9 +29,9 @@ const SMALL: f64 = 0.008;
 /// Share of its size by which such a play or spring may be off (1 sigma): three planted ones were by 0.19 to 0.5. Whole runs do not tell: from half to twice the size they
 /// end as near.
 const COARSE: f64 = 0.3;
-/// Mean logarithm of the whole runs' error with a play or spring over that without, below which they bear it out, and the same over its standard error. Planted ones:
-/// -0.26 to -0.60, 2.1 to 3.1 standard errors; what windows of 59 robots without a cause show a quarter of: -0.16 to 0.70, 0.9 at most; false ones beside true ones:
-/// -0.20, 1.9 (emulated robots that walk all seventeen gaits).
+/// Mean logarithm of the whole runs' error with a play or spring over that without, below which they bear it out, and the same over its
+/// standard error. Planted ones: -0.26 to -0.60, 2.1 to 3.1 standard errors. What windows of 59 robots without a cause show a quarter of:
+/// -0.16 to 0.70, 0.9 at most; false ones beside true ones: -0.20, 1.9 (emulated robots that walk all seventeen gaits).
 const NEARER: f64 = -0.22;
 const SURE: f64 = -2.0;
 /// Fewest gaits that can bear anything out.

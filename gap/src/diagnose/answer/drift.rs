@@ -5,8 +5,8 @@ use crate::fit::{Free, Model, Objective, Stop};
 use crate::joint::{P, Params};
 
 /// Part of an offset by which its values in the two halves of the runs may differ. A zero that wanders at an even pace from
-/// the start of every run is off by a quarter of its way in the first half on average and by three quarters in the second:
-/// they differ by the whole of their mean.
+/// the start of every run is off by a quarter of its way in the first half on average and by three quarters in the second.
+/// They differ by the whole of their mean.
 const STEADY: f64 = 0.6;
 
 /// Twice the logarithm of the likelihood ratio from which a difference of the halves is no chance: one parameter more, once

@@ -25,7 +25,7 @@ pub(super) fn explained(d: &Diagnosis) -> f64 {
     1.0 - (d.selection.held_out - d.floor_cost).max(0.0) / (first - d.floor_cost).max(1e-9)
 }
 
-/// Whether the remainder looks like a finer law of an effect that was found: the effect takes nearly all of the gap, it is
+/// Whether the remainder looks like a finer law of an effect that was found. The effect takes nearly all of the gap, it is
 /// the only one of its stage, and the remainder sits in that stage as far as signals tell. Two effects of one stage that
 /// leave a remainder imitate a law which the library lacks.
 fn coarser(d: &Diagnosis, settings: &Settings) -> bool {

@@ -8,8 +8,8 @@ use super::state::{Memory, State};
 use crate::joint::data::RunData;
 use physics::laws;
 
-/// Sine of every lane for |x| < 1e4 rad, error below 1e-10: rounding by the floating-point adder, then an odd polynomial of degree 11 with
-/// the smallest error on half a turn (Lawson's iteration on 4001 points; 1.7e-11), in an order that waits least.
+/// Sine of every lane for |x| < 1e4 rad, error below 1e-10. Rounding by the floating-point adder comes first, then an odd polynomial of
+/// degree 11 with the smallest error on half a turn (Lawson's iteration on 4001 points; 1.7e-11), in an order that waits least.
 #[inline(always)]
 fn sin<F: Lane>(x: F) -> F {
     // 1.5 * 2^52: adding it leaves the nearest whole number in the last bits.

@@ -14,8 +14,9 @@ use super::{B, FLOOR, FLOOR_BLIND, Tier, numbers};
 use crate::whole::data::Data;
 use crate::whole::windows;
 
-/// Stiffness, N/m, and damping, N s/m, of a contact point that gives as MuJoCo's default contact (`solref` 0.02, 1) does: of 88 windows of 1 s from exact
-/// starts three quarters end within 10 mm of MuJoCo's then, within 14 mm on the hard ground; half within 4.6 mm on both, within 5.6 mm at 8 kN/m.
+/// Stiffness, N/m, and damping, N s/m, of a contact point that gives as MuJoCo's default contact (`solref` 0.02, 1) does. Of 88 windows of
+/// 1 s from exact starts three quarters end within 10 mm of MuJoCo's then, within 14 mm on the hard ground; half within 4.6 mm on both,
+/// within 5.6 mm at 8 kN/m.
 const GIVING: [f64; 2] = [2.0e4, 60.0];
 /// Share of the depth that is removed in one step of 4 ms by contacts that push apart faster than the nominal 0.2.
 const PUSHING: f64 = 0.5;
