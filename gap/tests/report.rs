@@ -87,7 +87,7 @@ const ANSWERS: [(&str, [&str; 5]); 5] = [
         "little-stated",
         [
             "Controller: cause 71 %",
-            "Which another position gain (no plausible size), 2445 % and a late encoder in the loop, 21.0 ms",
+            "Which another position gain (no plausible size), 2450 % and a late encoder in the loop, 21.0 ms",
             "You stated no inertia, supply voltage, motor strength or controller gains under [bench], so this is tentative: a part of the gap comes from another position gain (no plausible size)",
             "83.4 to 19.5 mrad, floor 4.80 mrad",
             "What next State this first: inertia, supply voltage, motor strength and controller gains",

@@ -8,7 +8,7 @@ body{font:16px/1.45 system-ui,sans-serif;margin:0;color:var(--ink);background:va
 h1{font-size:1.5rem;margin:0;overflow-wrap:anywhere}h2{font-size:1.15rem;margin:1.4rem 0 .5rem}.about{margin:.1rem 0 .6rem;opacity:.8}.lead{font-size:1.2rem;font-weight:600;margin:.6rem 0 .3rem}.doubt{margin:.3rem 0}
 p,li{overflow-wrap:anywhere}.warning{border-left:.4rem solid var(--before);padding-left:.6rem}footer{font-size:.85rem;border-top:1px solid var(--line);margin-top:1rem}
 .first{display:grid;grid-template-columns:minmax(0,1fr) minmax(0,1fr);gap:0 2rem}.first h2{margin-top:.6rem}@media screen and (max-width:44rem){.first{grid-template-columns:minmax(0,1fr)}.lead{font-size:1.05rem}h1{font-size:1.25rem}}
-nav ul{list-style:none;padding:0;margin:0}nav li{display:grid;grid-template-columns:6.8rem 1fr;padding:.3rem 0;border-bottom:1px solid var(--line)}nav a{font-weight:600;color:var(--after)}
+nav ul{list-style:none;padding:0;margin:0}nav li{display:grid;grid-template-columns:6.8rem 1fr;padding:.3rem 0;border-bottom:1px solid var(--line)}nav a{font-weight:600;color:var(--after)}@media screen and (min-width:44rem){nav code{white-space:nowrap}}
 figure{margin:0}figcaption{font-size:.85rem;opacity:.8}.where{display:block;width:100%;max-width:30rem;height:auto}.where text{font:13px system-ui,sans-serif;fill:currentColor}.where .strong{font-weight:700}.where .end{text-anchor:end}.where .middle{text-anchor:middle}.where .small{font-size:11px}
 .where .box{fill:none;stroke:var(--line)}.where .paper{fill:var(--paper)}.where .cause{fill:var(--soft)}.where .bent,.where .rest{fill:var(--grey)}.where .arrow{fill:var(--line)}
 .stair{display:grid;grid-template-columns:1fr auto;gap:0 1rem;margin:.4rem 0;break-inside:avoid}.stair .bar{grid-column:1/3}

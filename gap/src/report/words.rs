@@ -69,6 +69,10 @@ fn per_cent(x: f64) -> String {
     // Two decimals where a clock's rate differs from one.
     if (p - 100.0).abs() < 1.0 {
         format!("{p:.2} %")
+    } else if p >= 1000.0 && p.is_finite() {
+        // A ratio beyond ten is no plausible one: its fourth digit says nothing.
+        let step = libm::pow(10.0, libm::floor(libm::log10(p)) - 2.0);
+        format!("{} %", number((p / step).round() * step))
     } else {
         format!("{} %", number(p))
     }
@@ -290,6 +294,8 @@ mod tests {
             ("half_width_rad", [0.009, 0.009], true, "9.00 mm"),
             ("ratio", [0.8, 1.25], false, "80.0 % to 125 %"),
             ("ratio", [1.0003, 1.0003], false, "100.03 %"),
+            ("ratio", [24.45, 24.45], false, "2450 %"),
+            ("ratio", [123.45, 123.45], false, "12300 %"),
             ("periods", [12.0, 12.0], false, "12.0"),
         ] {
             assert_eq!(size(key, ends, linear), text);
