@@ -11,6 +11,9 @@ const LOST: f64 = 2.2;
 /// What two simulators of one servo differ by over the time between two set-points, rad.
 const LEAST_RAD: f64 = 1.0e-4;
 
+/// Times that losses are weighed again, by the noise that the last ones leave.
+const PASSES: usize = 2;
+
 /// What was lost of the set-points of a run.
 pub(super) struct Lost {
     /// The set-points that came.
@@ -59,9 +62,12 @@ impl Grid {
             .collect();
         let gaps: Vec<f64> = starts.windows(2).map(|w| (w[1] - w[0]) as f64).collect();
         let span = (crate::math::quantile(&gaps, 0.5) as usize).max(1);
-        // Losses are noise until they are known.
-        let first = self.weighed(law, &starts, self.noise(law, &self.command, span));
-        self.weighed(law, &starts, self.noise(law, &first.command, span))
+        // Losses would be noise until they are known: what is nearer stands first, then what the noise allows.
+        let mut out = self.weighed(law, &starts, LEAST_RAD);
+        for _ in 0..PASSES {
+            out = self.weighed(law, &starts, self.noise(law, &out.command, span));
+        }
+        out
     }
 
     /// The same where errors have the standard deviation `noise`.
