@@ -77,14 +77,15 @@ fn spread_rad(grids: &[Grid]) -> f64 {
 /// Coarse set-points: the steps that explain most of the errors, by themselves.
 fn steps_rad(grids: &[Grid], base: Law) -> Vec<f64> {
     let mut scored: Vec<(f64, f64)> = Vec::new();
-    let plain: Vec<Vec<f64>> = grids.iter().map(|g| g.simulated(&base)).collect();
+    let answer = |g: &Grid, law: &Law| g.compared(&g.simulated(law));
+    let plain: Vec<Vec<f64>> = grids.iter().map(|g| answer(g, &base)).collect();
     let mut step = FINEST_RAD;
     while step < COARSEST_RAD {
         let (mut xy, mut xx) = (0.0, 1e-12);
         for (g, plain) in grids.iter().zip(&plain) {
-            let x = less(&g.simulated(&Law { step, ..base }), plain);
-            for ((x, q), p) in x.iter().zip(&g.q).zip(plain) {
-                xy += x * (q - p);
+            let x = less(&answer(g, &Law { step, ..base }), plain);
+            for (x, left) in x.iter().zip(less(&g.angles(), plain)) {
+                xy += x * left;
                 xx += x * x;
             }
         }
@@ -202,7 +203,7 @@ pub(in crate::whole) fn raw(
             let came = grid.compared(&grid.answer(&there, &lost.command));
             x.push(less(&came, &plain));
         }
-        let mut y = less(&grid.compared(&grid.q), &plain);
+        let mut y = less(&grid.angles(), &plain);
         for (c, by) in start {
             y.iter_mut().zip(&x[*c]).for_each(|(y, x)| *y += by * x);
         }
@@ -240,9 +241,10 @@ mod tests {
     use crate::evidence::search::Problem;
     use crate::math::Rng;
 
-    /// Gain of the loop, 1/s, and time between rows, s.
+    /// Gain of the loop, 1/s, time between rows, s, and noise of the encoder, rad.
     const GAIN: f64 = 10.0;
     const ROW_S: f64 = 0.01;
+    const NOISE_RAD: f64 = 3e-4;
     const TICK_S: f64 = 0.05;
 
     fn known() -> Known {
@@ -267,7 +269,7 @@ mod tests {
 
     /// Set-points of a slow swing, and the closed form of a loop that follows them `late_s` late with gain `GAIN *
     /// ratio`.
-    fn run(late_s: f64, ratio: f64, offset: f64, rng: &mut Rng) -> (Track, Track) {
+    fn run([late_s, ratio, offset]: [f64; 3], row_s: f64, rng: &mut Rng) -> (Track, Track) {
         let set = |i: usize| {
             0.6 * crate::math::sin(0.063 * i as f64) + 0.2 * crate::math::sin(0.17 * i as f64)
         };
@@ -278,12 +280,12 @@ mod tests {
         }
         let mut position = Track::default();
         let mut q = set(0);
-        for row in 0..1190 {
-            let t = row as f64 * ROW_S;
+        for row in 0..(11.9 / row_s) as usize {
+            let t = row as f64 * row_s;
             position.t_s.push(t);
-            position.v.push(q + 3e-4 * rng.normal());
+            position.v.push(q + NOISE_RAD * rng.normal());
             // Between two instants the set-point is held but for one change: exact exponentials on both sides of it.
-            let (mut from, end) = (t, t + ROW_S);
+            let (mut from, end) = (t, t + row_s);
             while from < end - 1e-12 {
                 let tick = ((from - late_s) / TICK_S + 1e-9).floor();
                 let next = ((tick + 1.0) * TICK_S + late_s).min(end);
@@ -298,7 +300,7 @@ mod tests {
     fn named(late_s: f64, ratio: f64, offset: f64) -> Named {
         let mut rng = Rng::new(7);
         let runs: Vec<(Track, Track)> = (0..3)
-            .map(|_| run(late_s, ratio, offset, &mut rng))
+            .map(|_| run([late_s, ratio, offset], ROW_S, &mut rng))
             .collect();
         let inputs: Vec<Input<'_>> = runs
             .iter()
@@ -379,10 +381,40 @@ mod tests {
     }
 
     #[test]
+    fn corners_between_two_rows_leave_the_noise_alone() {
+        // Set-points that come half a row late: between rows the angle is no straight line.
+        const SLOW_ROW_S: f64 = 0.025;
+        const LATE_S: f64 = 3.5 * SLOW_ROW_S;
+        let (command, position) = run([LATE_S, 1.0, 0.0], SLOW_ROW_S, &mut Rng::new(5));
+        let input = Input {
+            command,
+            position: &position,
+            load_nm: &[],
+            load_step_s: 0.02,
+            limit: None,
+        };
+        let known = Known {
+            late_s: Some([LATE_S - 0.01, LATE_S + 0.01]),
+            echoed: true,
+            row_s: SLOW_ROW_S,
+            ..known()
+        };
+        let is_late =
+            |s: &Shape| matches!(s.change, Change::Delay(size) if size > 0.05 && size < 1.0);
+        let late = shapes(&known).iter().position(is_late).expect("a delay");
+        let raw = raw(0, &[input], &known, &[(late, 1.0)]).expect("long enough");
+        let s = &raw.segments[0];
+        let left = less(&s.y, &s.x[late]);
+        let counted: Vec<f64> = left.iter().zip(&s.weight).map(|(e, w)| e * w).collect();
+        let rms = crate::math::rms(&counted);
+        assert!(rms < 1.2 * NOISE_RAD, "{rms}");
+    }
+
+    #[test]
     fn set_points_that_never_came_are_counted() {
         let mut rng = Rng::new(9);
-        let (sent, _) = run(0.0, 1.0, 0.0, &mut rng);
-        for share in [0.0, 0.03, 0.2] {
+        let (sent, _) = run([0.0, 1.0, 0.0], ROW_S, &mut rng);
+        for share in [0.0, 0.03, 0.2, 0.35] {
             // What came, followed by the closed form of the loop.
             let came: Vec<bool> = sent.t_s.iter().map(|_| rng.uniform() >= share).collect();
             let mut position = Track::default();
@@ -393,7 +425,7 @@ mod tests {
                     held = sent.v[tick];
                 }
                 position.t_s.push(row as f64 * ROW_S);
-                position.v.push(q + 3e-4 * rng.normal());
+                position.v.push(q + NOISE_RAD * rng.normal());
                 q = held + (q - held) * libm::exp(-GAIN * ROW_S);
             }
             let input = Input {

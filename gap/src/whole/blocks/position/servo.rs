@@ -5,18 +5,28 @@ use crate::whole::data::Track;
 
 /// Step of the integrals, s: the drivers' own is 1 ms, the recordings' 5 to 50 ms.
 pub(super) const STEP_S: f64 = 0.002;
-/// Least length of a prediction, s.
+/// Time between compared angles, at most, where rows come as often, s.
 const HORIZON_S: f64 = 0.04;
+/// Fewest compared angles of a run: 4 s.
+const LEAST_ROWS: usize = 100;
+
+/// A measured angle that is compared.
+struct Row {
+    /// Step of the grid before it, and the share of the step that has passed.
+    step: usize,
+    share: f64,
+    q: f64,
+}
 
 /// A run on the grid of the simulation.
 pub(super) struct Grid {
-    /// Encoder and load.
+    /// Encoder between its rows, and load.
     pub(super) q: Vec<f64>,
     load: Vec<f64>,
     /// Whether the motor is at its limit.
     limited: Vec<bool>,
-    /// Steps between compared angles.
-    pub(super) stride: usize,
+    /// Angles are compared where they were measured: between rows a joint turns a corner at every set-point.
+    rows: Vec<Row>,
     /// Set-points as steps in time.
     pub(super) command: Track,
     pub(super) from_s: f64,
@@ -60,12 +70,22 @@ impl Law {
 impl Grid {
     pub(super) fn new(input: &Input<'_>) -> Option<Self> {
         let q = input.position;
-        let period = q.period_s();
-        let stride = ((HORIZON_S.max(period)) / STEP_S).round() as usize;
+        // A hundredth of a row more: periods are medians of printed times.
+        let every = (HORIZON_S / q.period_s() + 0.01).max(1.0) as usize;
         let from_s = q.t_s[0];
         let end_s = q.t_s[q.t_s.len() - 1];
         let n = ((end_s - from_s) / STEP_S) as usize;
-        if n < 100 * stride {
+        let row = |(t, q): (&f64, &f64)| {
+            let at = (t - from_s) / STEP_S;
+            Row {
+                step: at as usize,
+                share: at.fract(),
+                q: *q,
+            }
+        };
+        let mut rows: Vec<Row> = q.t_s.iter().zip(&q.v).step_by(every).map(row).collect();
+        rows.retain(|r| r.step + 1 < n);
+        if rows.len() < LEAST_ROWS {
             return None;
         }
         let at = |i: usize| from_s + i as f64 * STEP_S;
@@ -81,15 +101,21 @@ impl Grid {
             q: (0..n).map(|i| q.at(at(i))).collect(),
             load: (0..n).map(load).collect(),
             limited: (0..n).map(limited).collect(),
-            stride,
+            rows,
             command: input.command.clone(),
             from_s,
         })
     }
 
-    /// Angles at the compared instants.
+    /// Measured angles that are compared.
+    pub(super) fn angles(&self) -> Vec<f64> {
+        self.rows.iter().map(|r| r.q).collect()
+    }
+
+    /// An answer at the compared instants.
     pub(super) fn compared(&self, q: &[f64]) -> Vec<f64> {
-        q.iter().step_by(self.stride).copied().collect()
+        let one = |r: &Row| q[r.step] + r.share * (q[r.step + 1] - q[r.step]);
+        self.rows.iter().map(one).collect()
     }
 
     /// Angle under a law, from the measured start; the loop is stable, so that a wrong start is forgotten.
@@ -152,7 +178,7 @@ impl Grid {
                 left == 0
             })
             .collect();
-        let one = |f: &bool| f64::from(u8::from(*f));
-        free.iter().step_by(self.stride).map(one).collect()
+        let one = |r: &Row| f64::from(u8::from(free[r.step] && free[r.step + 1]));
+        self.rows.iter().map(one).collect()
     }
 }
