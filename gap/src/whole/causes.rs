@@ -36,13 +36,17 @@ const MODEL_ERROR: [f64; 3] = [0.12, 0.03, 0.03];
 const UNTRACKED: f64 = 0.3;
 /// What the loads of all joints together may be off by, as a share of them (contacts of other makes: 0.07 to 0.12).
 const MASS: f64 = 0.12;
-/// A motor at its limit: quantile of the torque that counts as the top, shares of it that are at the limit and just
-/// below, how many times as often it is at it as below, and the share of the time that it is there at least.
+/// A motor at its limit: quantile of the torque that counts as the top, and the level below it down to which a limit is
+/// looked for, as a share of the top. Noise lies above a limit.
 const TOP: f64 = 0.995;
-const AT_LIMIT: f64 = 0.95;
-const BELOW_LIMIT: f64 = 0.85;
+const LOWEST: f64 = 0.8;
+/// Width of a level, as a share of the top. How many times as often a motor is at its limit as at the second level
+/// below, and the share of the time that it is there at least.
+const LEVEL: f64 = 0.06;
 const STEEP: f64 = 3.0;
 const OFTEN: f64 = 0.01;
+/// Share of the limit from which a motor counts as at it.
+const AT_LIMIT: f64 = 0.95;
 /// Slope of angle over set-point below which a joint turns the other way.
 const TURNED: f64 = -0.3;
 /// Most causes.
@@ -77,6 +81,24 @@ fn effort(run: &Run, k: usize, nm_per_a: f64) -> Option<Track> {
     })
 }
 
+/// The level at which torques stay, where they stay at one near the top.
+fn plateau(torques_nm: &[f64]) -> Option<f64> {
+    let top = crate::math::quantile(torques_nm, TOP);
+    let half = 0.5 * LEVEL * top;
+    let at = |level: f64| {
+        torques_nm
+            .iter()
+            .filter(move |x| (**x - level).abs() <= half)
+    };
+    let levels = (0..=10).map(|i| top * (1.0 - (1.0 - LOWEST) * f64::from(i) / 10.0));
+    let limit = levels.max_by_key(|l| at(*l).count())?;
+    let near = at(limit).count() as f64;
+    // One level lies between: noise reaches as far.
+    let below = at(limit - 4.0 * half).count() as f64;
+    let stays = near > STEEP * below && near > OFTEN * torques_nm.len() as f64;
+    stays.then(|| at(limit).sum::<f64>() / near)
+}
+
 /// What is asked.
 pub(super) struct Asked<'a> {
     pub(super) data: &'a Data,
@@ -93,6 +115,7 @@ pub(super) struct Asked<'a> {
 }
 
 impl Asked<'_> {
+    /// Torque from which a motor counts as at its limit, and the limit where the torque shows one.
     fn limit_nm(&self, k: usize, servo: &Nominal) -> (f64, Option<f64>) {
         let all: Vec<f64> = self
             .runs
@@ -100,21 +123,10 @@ impl Asked<'_> {
             .filter_map(|r| effort(&self.data.runs[*r], k, servo.nm_per_a))
             .flat_map(|e| e.v.into_iter().map(f64::abs))
             .collect();
-        let top = crate::math::quantile(&all, TOP);
-        let plain = AT_LIMIT * servo.max_torque_nm;
-        let near = all
-            .iter()
-            .filter(|x| **x > AT_LIMIT * top && **x < (2.0 - AT_LIMIT) * top)
-            .count() as f64;
-        let below = all
-            .iter()
-            .filter(|x| **x > BELOW_LIMIT * top && **x <= AT_LIMIT * top)
-            .count() as f64;
-        let plateau = near > STEEP * below && near > OFTEN * all.len() as f64;
-        (
-            if plateau { AT_LIMIT * top } else { plain },
-            plateau.then_some(top),
-        )
+        match plateau(&all) {
+            Some(limit) => (AT_LIMIT * limit, Some(limit)),
+            None => (AT_LIMIT * servo.max_torque_nm, None),
+        }
     }
 
     fn position(&self, k: usize, loads: &Loads, start: &[(usize, f64)]) -> Option<White> {
@@ -453,5 +465,24 @@ impl Explained {
             (c.effect, c.joints.clone(), c.fixed.clone())
         };
         self.found.best.members.iter().map(one).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Rng;
+
+    #[test]
+    fn a_limit_is_found_below_its_noise_and_nowhere_else() {
+        let mut rng = Rng::new(4);
+        let asked: Vec<f64> = (0..4000).map(|_| (0.5 * rng.normal()).abs()).collect();
+        assert_eq!(plateau(&asked), None);
+        let limited = asked
+            .iter()
+            .map(|x| x.min(0.5) * (1.0 + 0.03 * rng.normal()));
+        let limited: Vec<f64> = limited.collect();
+        let found = plateau(&limited).expect("a limit");
+        assert!((found - 0.5).abs() < 0.02, "{found}");
     }
 }
