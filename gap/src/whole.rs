@@ -247,16 +247,30 @@ impl Diagnosis {
     }
 }
 
+/// A data set, and the nominal model that it is held against.
+#[derive(Clone, Copy)]
+pub struct Set<'a> {
+    /// What the data set says of itself.
+    pub manifest: &'a Manifest,
+    /// Its runs.
+    pub recordings: &'a [Recording],
+    /// Its films.
+    pub films: &'a [Film],
+    /// The nominal model.
+    pub model: &'a Model,
+}
+
 /// Reads a data set for the search of causes and hands it to `then`, with what a cause must add and what robots
 /// without a cause differ by.
 fn asked<T>(
-    (manifest, recordings, model): (&Manifest, &[Recording], &Model),
+    set: Set<'_>,
     (withhold, least, spreads): (&[Effect], f64, &Spreads),
     then: impl FnOnce(&causes::Asked<'_>, Option<&mut body::Tier>) -> T,
 ) -> Result<T, WholeError> {
-    let model = &manifest.stated(model);
+    let manifest = set.manifest;
+    let model = &manifest.stated(set.model);
     let params = Arc::new(Params::try_from(model)?);
-    let data = Data::new(manifest, recordings, model);
+    let data = Arc::new(Data::new(manifest, set.recordings, model));
     let split = split(&data);
     if split.fit.is_empty() {
         return Err(WholeError::Nothing);
@@ -264,12 +278,19 @@ fn asked<T>(
     let mut conventions = conventions::find(&data);
     let direct = direct::read(&data, &mut conventions, withhold);
     let mut tier = body::Tier::new(&data, model, &params, &split.fit);
+    let camera = camera::Tier::new(&data, manifest, model, set.films, &split.fit);
+    let block = |tier| blocks::camera::block(tier, &camera::coordinates(manifest, model));
+    let films = (
+        camera.as_ref().map(block),
+        camera.as_ref().and_then(camera::dropped),
+    );
     let asked = causes::Asked {
         data: &data,
         model,
         params: &params,
         conventions: &conventions,
         direct: &direct,
+        films: &films,
         runs: &split.fit,
         withhold,
         least,
@@ -283,14 +304,12 @@ fn asked<T>(
 /// # Errors
 /// As [`diagnose`].
 pub fn name_causes(
-    manifest: &Manifest,
-    recordings: &[Recording],
-    model: &Model,
+    set: Set<'_>,
     withhold: &[Effect],
     calibration: &Calibration,
 ) -> Result<Causes, WholeError> {
     let settings = (withhold, calibration.least(), &calibration.spreads);
-    let found = asked((manifest, recordings, model), settings, causes::explain)?;
+    let found = asked(set, settings, causes::explain)?;
     Ok(found.rows(calibration))
 }
 
@@ -299,15 +318,9 @@ pub fn name_causes(
 ///
 /// # Errors
 /// As [`diagnose`].
-pub fn null_blocks(
-    manifest: &Manifest,
-    recordings: &[Recording],
-    model: &Model,
-) -> Result<Vec<(White, f64)>, WholeError> {
+pub fn null_blocks(set: Set<'_>) -> Result<Vec<(White, f64)>, WholeError> {
     let settings = (&[][..], f64::INFINITY, &Spreads::default());
-    asked((manifest, recordings, model), settings, |asked, tier| {
-        asked.nominal_blocks(tier)
-    })
+    asked(set, settings, |asked, tier| asked.nominal_blocks(tier))
 }
 
 /// What robots without a cause, each by its [`null_blocks`], differ by, and how strong a cause they seem to have. The

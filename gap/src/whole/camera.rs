@@ -11,6 +11,7 @@ use files::model::{Key, Model};
 use rayon::prelude::*;
 
 use super::data::{Data, JOINTS, Run};
+use super::direct::{Reading, exact};
 use super::search::{Answer, Candidate, Coordinate, Evaluate, Limits, Search};
 use super::windows;
 use crate::math;
@@ -342,7 +343,8 @@ pub(super) struct Found {
     pub(super) answer: Answer,
 }
 
-fn coordinates(manifest: &Manifest, model: &Model) -> Vec<Coordinate> {
+/// What is stated of the camera.
+pub(super) fn coordinates(manifest: &Manifest, model: &Model) -> Vec<Coordinate> {
     let known = |key: &str, default: f64, tolerance: f64| {
         let q = manifest.camera.as_ref().and_then(|c| c.quantities.get(key));
         let value = q.map_or(default, |q| q.value);
@@ -385,6 +387,18 @@ fn coordinates(manifest: &Manifest, model: &Model) -> Vec<Coordinate> {
             range,
         })
         .collect()
+}
+
+/// Missing frames, where they count.
+pub(super) fn dropped(tier: &Tier) -> Option<Reading> {
+    let (value, error) = tier.drops()?;
+    Some(Reading {
+        effect: Effect::FrameDrop,
+        joint: None,
+        key: "probability",
+        estimate: exact(value, 1.96 * error),
+        gain: 0.0,
+    })
 }
 
 /// Diagnoses the camera.

@@ -5,15 +5,16 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use files::dataset::Robot;
+use files::model::Model;
 use gap::bench;
 use gap::decide::{Calibration, CalibrationError};
 use gap::evidence::block::White;
 use gap::vocabulary::Effect;
-use gap::whole::{Causes, Row, calibrated, name_causes, null_blocks};
+use gap::whole::{Causes, Film, Row, Set, calibrated, name_causes, null_blocks};
 
 use super::input;
 use super::report::effect;
-use super::whole::model;
+use super::whole::{films, model};
 use crate::context::Context;
 use crate::disk;
 use crate::failure::{Exit, Failure, Outcome};
@@ -84,8 +85,8 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
             .map(Answer::Joint)
             .map_err(bad)
     } else {
-        model(&args.data, &input).and_then(|model| {
-            name_causes(manifest, recordings, &model, &args.withhold, &calibration)
+        Whole::read(&args.data, &input).and_then(|robot| {
+            name_causes(robot.set(&input), &args.withhold, &calibration)
                 .map(Answer::Robot)
                 .map_err(bad)
         })
@@ -103,6 +104,30 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     });
     context.out.result("rb.gap/2", json, || found.text());
     Ok(())
+}
+
+/// What a data set of a robot holds beside its runs.
+struct Whole {
+    films: Vec<Film>,
+    model: Model,
+}
+
+impl Whole {
+    fn read(data: &Path, input: &input::Input) -> Outcome<Self> {
+        Ok(Self {
+            films: films(data, input)?,
+            model: model(data, input)?,
+        })
+    }
+
+    fn set<'a>(&'a self, input: &'a input::Input) -> Set<'a> {
+        Set {
+            manifest: &input.manifest,
+            recordings: &input.recordings,
+            films: &self.films,
+            model: &self.model,
+        }
+    }
 }
 
 /// What was found, of either kind.
@@ -175,8 +200,8 @@ impl Healthy {
             self.joints.push([evidence, left]);
             return Ok(manifest.robot);
         }
-        let model = model(set, &input)?;
-        let blocks = null_blocks(manifest, recordings, &model).map_err(bad)?;
+        let robot = Whole::read(set, &input)?;
+        let blocks = null_blocks(robot.set(&input)).map_err(bad)?;
         context.out.detail(set.display().to_string());
         self.robots.push(blocks);
         Ok(manifest.robot)

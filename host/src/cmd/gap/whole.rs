@@ -40,7 +40,7 @@ pub(super) fn model(data: &Path, input: &Input) -> Outcome<Model> {
 }
 
 /// The films that the runs name.
-fn films(data: &Path, input: &Input) -> Outcome<Vec<Film>> {
+pub(super) fn films(data: &Path, input: &Input) -> Outcome<Vec<Film>> {
     let mut out = Vec::new();
     for (run, r) in input.manifest.runs.iter().enumerate() {
         if let Some(folder) = &r.frames {
