@@ -407,7 +407,8 @@ mod tests {
         let left = less(&s.y, &s.x[late]);
         let counted: Vec<f64> = left.iter().zip(&s.weight).map(|(e, w)| e * w).collect();
         let rms = crate::math::rms(&counted);
-        assert!(rms < 1.2 * NOISE_RAD, "{rms}");
+        // Set-points begin with a step of the grid: up to 1 ms off, 0.3 mrad here. Straight lines between rows leave 0.7 mrad.
+        assert!(rms < 1.7 * NOISE_RAD, "{rms}");
     }
 
     #[test]
