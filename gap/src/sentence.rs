@@ -234,7 +234,7 @@ pub(crate) const fn part(stage: Stage) -> &'static str {
     match stage {
         Stage::Conventions => "wiring, signs and zeros",
         Stage::Cpg => "gait generator",
-        Stage::Transport => "way of the set-points",
+        Stage::Transport => "set-point transport",
         Stage::Driver => "controller",
         Stage::Electrical => "motor",
         Stage::Supply => "supply",

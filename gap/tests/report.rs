@@ -67,7 +67,7 @@ const ANSWERS: [(&str, [&str; 5]); 5] = [
         "class",
         [
             "gear play and twist (46 % of the gap), perhaps controller or gear and load",
-            "play in the gear, small errors that the controller ignores or extra friction near standstill, which these recordings cannot distinguish",
+            "play in the gear, a dead band of small errors that the controller ignores or extra friction near standstill, which these recordings cannot distinguish",
             "(57 % sure that it is one of them)",
             "18.9 to 7.20 mrad, floor 5.20 mrad",
             "What next Bring the joint to 200 mrad and play the slow triangle",

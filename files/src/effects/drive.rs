@@ -84,7 +84,7 @@ pub(super) const ROWS: [EffectInfo; 13] = [
         scope: Scope::Joint,
         kind: Kind::Structural,
         plants: &Plant::JOINT,
-        plain: "small errors that the controller ignores",
+        plain: "a dead band of small errors that the controller ignores",
         sentence: "The controller of {joints} ignores errors below {half_width_rad}.",
         law: "e' = e - clamp(e, -half_width, half_width)",
         signals: &[POSITION, DUTY, CURRENT],
