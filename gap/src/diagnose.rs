@@ -12,6 +12,7 @@ use crate::experiment::Experiment;
 use crate::fit::{Model, Objective, Stop};
 use crate::floor::{self, Floor};
 use crate::joint::{P, Params, Problem};
+use crate::report::Subject;
 use crate::select::{Options, Search, Selection, Watch};
 use crate::verdict::Verdict;
 use crate::vocabulary::Effect;
@@ -286,6 +287,8 @@ pub fn diagnose_watched(
         problem,
     };
     out.verdict = answer::verdict(&out, &search.library, settings);
+    let said = std::mem::take(&mut out.verdict.sentence);
+    out.verdict.sentence = Subject::new(manifest, None).careful(&out.verdict, said);
     if watch.goes_on("choosing the next experiment") {
         let mut with = out.clone();
         answer::propose(&mut with, &search.until(Stop::when(watch.stop)));

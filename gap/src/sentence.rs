@@ -305,6 +305,13 @@ fn suspect(v: &Verdict, robot: bool) -> String {
     )
 }
 
+/// The sentence `text` of the verdict without how sure it is: for one that stands on too little.
+pub(crate) fn unsure(text: &str, v: &Verdict) -> String {
+    let sure = sure(v);
+    text.replace(&format!(" ({sure} sure)"), "")
+        .replace(&format!(" ({sure} sure that it is one of them)"), "")
+}
+
 /// The sentence on top, of a `robot` or of a joint on a bench.
 pub(crate) fn sentence(v: &Verdict, robot: bool) -> String {
     let (causes, sure, fall) = (causes(v), sure(v), fall(&v.gap));

@@ -131,7 +131,7 @@ fn which(s: &mut String, v: &Verdict, subject: &Subject) {
     for c in &all {
         card(s, c, subject);
     }
-    if let Some(text) = otherwise(v) {
+    if let Some(text) = otherwise(v, subject) {
         paragraph(s, &text);
     }
 }

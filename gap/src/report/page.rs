@@ -216,8 +216,11 @@ fn card(s: &mut String, c: &Cause<'_>, v: &Verdict, subject: &Subject) {
     s.push_str("</dl></details></section>");
 }
 
-/// What else it may be, with its probability.
-pub(super) fn otherwise(v: &Verdict) -> Option<String> {
+/// What else it may be, with its probability; no probability is given where too little is stated.
+pub(super) fn otherwise(v: &Verdict, subject: &Subject) -> Option<String> {
+    if subject.tentative && v.verdict != Word::None {
+        return None;
+    }
     // Below this a doubt is no news.
     const LEAST: f64 = 0.02;
     let p = v.probabilities;
@@ -246,7 +249,7 @@ fn cards(s: &mut String, v: &Verdict, subject: &Subject) {
     for c in &all {
         card(s, c, v, subject);
     }
-    if let Some(text) = otherwise(v) {
+    if let Some(text) = otherwise(v, subject) {
         let _ = write!(s, "<p>{text}</p>");
     }
 }

@@ -24,9 +24,10 @@ fn class(kind: Kind) -> &'static str {
 }
 
 /// What the share of a spot is.
-fn role(v: &Verdict, spot: &Spot) -> &'static str {
+fn role(v: &Verdict, spot: &Spot, subject: &Subject) -> &'static str {
     let open = perhaps(v);
     match (spot.kind, v.verdict) {
+        (Kind::Cause, word) if word != Word::Unknown && subject.tentative => ": perhaps the cause",
         (Kind::Cause, word) if word != Word::Unknown && !open.is_empty() => ": most likely cause",
         (Kind::Calibrated, _) if spot.stage.is_some_and(|s| open.contains(&s)) => {
             ": perhaps the cause"
@@ -43,8 +44,8 @@ fn role(v: &Verdict, spot: &Spot) -> &'static str {
 /// A spot in words.
 fn name(v: &Verdict, spot: &Spot, subject: &Subject) -> String {
     match spot.stage {
-        None => role(v, spot).trim_start_matches(": ").to_owned(),
-        stage => place(stage, &spot.joints, subject.robot) + role(v, spot),
+        None => role(v, spot, subject).trim_start_matches(": ").to_owned(),
+        stage => place(stage, &spot.joints, subject.robot) + role(v, spot, subject),
     }
 }
 

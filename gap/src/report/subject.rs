@@ -3,7 +3,7 @@
 use files::dataset::{Bench, Command, Manifest, Motion, Robot};
 
 use super::words::{capital, listed, quantity, range, size};
-use crate::sentence::{Cause, causes, sentence};
+use crate::sentence::{Cause, causes, sentence, unsure};
 use crate::verdict::{Verdict, Word};
 
 /// The data set that a verdict is about.
@@ -98,18 +98,26 @@ impl Subject {
 
     /// The sentence on top.
     pub(super) fn lead(&self, v: &Verdict) -> String {
-        let out = if v.sentence.is_empty() {
-            sentence(v, self.robot)
+        if v.sentence.is_empty() {
+            self.careful(v, sentence(v, self.robot))
         } else {
             v.sentence.clone()
-        };
-        if !self.tentative || v.verdict == Word::None {
-            return out;
         }
-        let missing = self.missing("or");
-        let (first, rest) = out.split_at(1);
-        let rest = format!("{}{rest}", first.to_lowercase());
-        format!("You stated no {missing} under [bench], so this is tentative: {rest}")
+    }
+
+    /// The sentence `text` of the verdict. Where too little is stated it says what to state first, and claims no certainty.
+    pub(crate) fn careful(&self, v: &Verdict, text: String) -> String {
+        if !self.tentative || v.verdict == Word::None {
+            return text;
+        }
+        let missing = self.missing("and");
+        let text = unsure(&text, v);
+        let mut letters = text.chars();
+        let first = letters.next().map(|c| c.to_ascii_lowercase());
+        let rest: String = first.into_iter().chain(letters).collect();
+        format!(
+            "State {missing} under [bench] first: without them no cause is certain. Tentatively, {rest}"
+        )
     }
 
     /// What to do now, most useful first; never empty.
