@@ -312,6 +312,18 @@ pub(crate) fn unsure(text: &str, v: &Verdict) -> String {
         .replace(&format!(" ({sure} sure that it is one of them)"), "")
 }
 
+/// How sure the verdict is of a cause that it names, in the figure of the sentence on top.
+pub(crate) fn sure_of(v: &Verdict, c: &Cause<'_>) -> Option<String> {
+    let (sure, alone) = (sure(v), causes(v).len() == 1);
+    match v.verdict {
+        // The causes there may be imitations.
+        Word::Unknown => None,
+        _ if !alone => Some(format!("{sure} sure of all causes together.")),
+        _ if c.members.is_empty() => Some(format!("{sure} sure.")),
+        _ => Some(format!("{sure} sure that it is one of them.")),
+    }
+}
+
 /// The sentence on top, of a `robot` or of a joint on a bench.
 pub(crate) fn sentence(v: &Verdict, robot: bool) -> String {
     let (causes, sure, fall) = (causes(v), sure(v), fall(&v.gap));

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::page::otherwise;
 use super::stairs::{before, steps};
 use super::subject::Subject;
-use super::words::{capital, contacts, floor, listed, metric, metric_row, number};
+use super::words::{capital, contacts, floor_explained, listed, metric, metric_row, number};
 use super::{place, regimes};
 use crate::sentence::{Cause, causes};
 use crate::verdict::Verdict;
@@ -87,9 +87,9 @@ pub fn markdown(v: &Verdict, subject: &Subject) -> String {
     table(&mut s, &rows);
     let figure = capital(metric(&v.gap.metric));
     let text = format!(
-        "{figure}, held-out runs. {} Floor: {}.",
+        "{figure}, held-out runs. {} The last line is the {}.",
         before(subject),
-        floor(v)
+        floor_explained(v)
     );
     paragraph(&mut s, &text);
     s.push_str("\n## What next\n\n");
@@ -107,7 +107,7 @@ pub fn markdown(v: &Verdict, subject: &Subject) -> String {
     s
 }
 
-fn card(s: &mut String, c: &Cause<'_>, subject: &Subject) {
+fn card(s: &mut String, c: &Cause<'_>, v: &Verdict, subject: &Subject) {
     item(s, "- ", &format!("**{}**", capital(&subject.headline(c))));
     if let Some(text) = subject.filled(c) {
         item(s, "  ", &text);
@@ -120,6 +120,9 @@ fn card(s: &mut String, c: &Cause<'_>, subject: &Subject) {
             &format!("It could as well be {}.", listed(&names, 9, "or")),
         );
     }
+    if let Some(text) = subject.sure_of(v, c) {
+        item(s, "  ", &text);
+    }
 }
 
 fn which(s: &mut String, v: &Verdict, subject: &Subject) {
@@ -129,7 +132,7 @@ fn which(s: &mut String, v: &Verdict, subject: &Subject) {
         s.push_str("None.\n");
     }
     for c in &all {
-        card(s, c, subject);
+        card(s, c, v, subject);
     }
     if let Some(text) = otherwise(v, subject) {
         paragraph(s, &text);

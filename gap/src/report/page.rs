@@ -11,7 +11,7 @@ use super::words::{
     capital, contacts, escape, floor, listed, metric, metric_row, number, parameter, quantity,
     regime, size,
 };
-use crate::sentence::{Cause, causes, percent};
+use crate::sentence::{Cause, causes, percent, sure};
 use crate::verdict::{Verdict, Where, Word};
 use crate::vocabulary::Effect;
 
@@ -188,6 +188,9 @@ fn card(s: &mut String, c: &Cause<'_>, v: &Verdict, subject: &Subject) {
             "<p><b>It could as well be</b> {or}. These recordings cannot distinguish them.</p>"
         );
     }
+    if let Some(text) = subject.sure_of(v, c) {
+        let _ = write!(s, "<p>{}</p>", escape(&text));
+    }
     s.push_str("<details><summary>Sizes, intervals, rivals</summary><dl>");
     sizes(s, c, subject);
     let [out, open] = c.rivals();
@@ -239,9 +242,16 @@ fn cards(s: &mut String, v: &Verdict, subject: &Subject) {
     let all = causes(v);
     match (v.verdict, all.as_slice()) {
         (Word::Unknown, []) => s.push_str("<p>No effect of the library explains the gap.</p>"),
-        (Word::Unknown, _) => s.push_str(
-            "<p>No effect of the library explains the gap. These take a part of the error, perhaps only by imitation:</p>",
-        ),
+        (Word::Unknown, _) => {
+            let sure = match subject.tentative {
+                true => String::new(),
+                false => format!(" ({} sure)", sure(v)),
+            };
+            let text = format!(
+                "No effect of the library explains the gap{sure}. These take a part of the error, perhaps only by imitation:"
+            );
+            let _ = write!(s, "<p>{}</p>", escape(&text));
+        }
         (Word::None, []) => s.push_str("<p>None.</p>"),
         (_, []) => s.push_str("<p>None beyond calibration.</p>"),
         _ => {}

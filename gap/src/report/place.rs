@@ -50,13 +50,9 @@ fn name(v: &Verdict, spot: &Spot, subject: &Subject) -> String {
 }
 
 /// One row: a box that is filled by the share.
-fn row(s: &mut String, y: f64, name: &str, spot: Option<&Spot>, shown: bool) {
+fn row(s: &mut String, y: f64, name: &str, spot: Option<&Spot>) {
     let (kind, share) = spot.map_or((Kind::Calibrated, 0.0), |s| (s.kind, s.share));
-    let fill = if shown {
-        share.clamp(0.0, 1.0) * WIDTH
-    } else {
-        0.0
-    };
+    let fill = share.clamp(0.0, 1.0) * WIDTH;
     // What is too long for the row is set smaller.
     const FITS: usize = 38;
     let strong = if kind == Kind::Cause { "strong" } else { "" };
@@ -73,7 +69,7 @@ fn row(s: &mut String, y: f64, name: &str, spot: Option<&Spot>, shown: bool) {
         y + 16.5,
         escape(&capital(name))
     );
-    if shown && spot.is_some() {
+    if spot.is_some() {
         let _ = write!(
             s,
             "<text class=\"end\" x=\"{}\" y=\"{}\">{}</text>",
@@ -90,7 +86,7 @@ fn depth(share: f64) -> f64 {
 }
 
 /// Four cubes, six joints, the ground; each joint with its share.
-fn robot(s: &mut String, all: &[Spot], shown: bool) {
+fn robot(s: &mut String, all: &[Spot]) {
     // Centres of the joints: in the cubes 0, 1, 2, 3 and between the cubes of a module.
     const X: [f64; 6] = [40.0, 85.0, 130.0, 230.0, 275.0, 320.0];
     for x in [8.0, 98.0, 198.0, 288.0] {
@@ -100,7 +96,7 @@ fn robot(s: &mut String, all: &[Spot], shown: bool) {
         );
     }
     s.push_str("<path class=\"box\" d=\"M162 54H198M0 88H360\"/>");
-    let body = all.iter().find(|p| p.stage == Some(Stage::Body) && shown);
+    let body = all.iter().find(|p| p.stage == Some(Stage::Body));
     let (of, share, words) = match body {
         Some(p) => (
             class(p.kind),
@@ -123,7 +119,7 @@ fn robot(s: &mut String, all: &[Spot], shown: bool) {
         } else {
             ("bent", "")
         };
-        let depth = match shown && share >= LEAST {
+        let depth = match share >= LEAST {
             true => depth(share),
             false => 0.0,
         };
@@ -132,7 +128,7 @@ fn robot(s: &mut String, all: &[Spot], shown: bool) {
             "<circle class=\"paper\" cx=\"{x}\" cy=\"54\" r=\"20\"/><circle class=\"{of}\" cx=\"{x}\" cy=\"54\" r=\"20\" fill-opacity=\"{depth:.2}\"/>\
              <circle class=\"box\" cx=\"{x}\" cy=\"54\" r=\"20\"/><text class=\"middle small\" x=\"{x}\" y=\"16\">joint {k}</text>"
         );
-        if shown && (cause || share >= LEAST) {
+        if cause || share >= LEAST {
             let text = format!("{:.0} %", 100.0 * share);
             let _ = write!(
                 s,
@@ -142,24 +138,69 @@ fn robot(s: &mut String, all: &[Spot], shown: bool) {
     }
 }
 
+/// What the picture shows, as shares that add up to 100 %: the circles' sum, with what of it is calibration, and the others.
+fn sums(v: &Verdict, subject: &Subject) -> String {
+    let squares = "Shares of the nominal model's squared error.";
+    if !subject.robot {
+        return squares.into();
+    }
+    let all = spots(v);
+    let sum = |which: &dyn Fn(&Spot) -> bool| {
+        let own = all.iter().filter(|p| which(p)).map(|p| p.share);
+        (100.0 * own.sum::<f64>()).round()
+    };
+    let at_joint = |p: &Spot| !p.joints.is_empty();
+    let parts = [
+        (
+            "ground",
+            sum(&|p| p.stage == Some(Stage::Body) && !at_joint(p)),
+        ),
+        (
+            "what joints share",
+            sum(&|p| p.stage.is_some_and(|s| s != Stage::Body) && !at_joint(p)),
+        ),
+        ("remainder", sum(&|p| p.stage.is_none())),
+    ];
+    let others: f64 = parts.iter().map(|p| p.1).sum();
+    // Rounding is the circles', which round each on its own.
+    let joints = match sum(&|_| true) {
+        100.0 => 100.0 - others,
+        _ => sum(&at_joint),
+    };
+    let calibrated = sum(&|p| at_joint(p) && p.kind == Kind::Calibrated);
+    let mut words = vec![match v.verdict != Word::Unknown && calibrated > 0.0 {
+        true => format!("joints {joints:.0} % (of which calibration {calibrated:.0} %)"),
+        false => format!("joints {joints:.0} %"),
+    }];
+    let rest = parts.iter().filter(|p| p.1 > 0.0);
+    words.extend(rest.map(|(name, share)| format!("{name} {share:.0} %")));
+    format!("{}. {squares}", capital(&words.join(", ")))
+}
+
 /// The picture.
 pub(super) fn picture(s: &mut String, v: &Verdict, subject: &Subject) {
     let all = spots(v);
-    let shown = v.verdict != Word::None;
+    if v.verdict == Word::None {
+        let what = if subject.robot {
+            "joint"
+        } else {
+            "stage of the joint"
+        };
+        let _ = write!(s, "<p>There is no gap to place: no {what} has a share.</p>");
+        return;
+    }
     let mut drawing = String::new();
     let mut y = 0.0;
     let last = |drawing: &mut String, y: &mut f64, spot: &Spot| {
-        row(drawing, *y, &name(v, spot, subject), Some(spot), shown);
+        row(drawing, *y, &name(v, spot, subject), Some(spot));
         *y += 28.0;
     };
     if subject.robot {
-        robot(&mut drawing, &all, shown);
+        robot(&mut drawing, &all);
         y = 112.0;
-        if shown {
-            let large = |p: &&Spot| p.share >= LEAST || p.kind == Kind::Cause;
-            for spot in together(&all).iter().filter(large).take(ROWS) {
-                last(&mut drawing, &mut y, spot);
-            }
+        let large = |p: &&Spot| p.share >= LEAST || p.kind == Kind::Cause;
+        for spot in together(&all).iter().filter(large).take(ROWS) {
+            last(&mut drawing, &mut y, spot);
         }
     } else {
         for (k, stage) in Stage::JOINT.into_iter().enumerate() {
@@ -177,19 +218,13 @@ pub(super) fn picture(s: &mut String, v: &Verdict, subject: &Subject) {
                         true => ": perhaps the cause",
                         false => "",
                     };
-                    row(
-                        &mut drawing,
-                        y,
-                        &(part(stage).to_owned() + maybe),
-                        None,
-                        shown,
-                    );
+                    row(&mut drawing, y, &(part(stage).to_owned() + maybe), None);
                     y += 28.0;
                 }
             }
             y += 4.0;
         }
-        if let Some(rest) = all.iter().find(|p| p.stage.is_none() && shown) {
+        if let Some(rest) = all.iter().find(|p| p.stage.is_none()) {
             last(&mut drawing, &mut y, rest);
         }
     }
@@ -203,11 +238,7 @@ pub(super) fn picture(s: &mut String, v: &Verdict, subject: &Subject) {
         "<figure><svg class=\"where\" viewBox=\"0 0 {WIDTH} {}\" role=\"img\" aria-label=\"{what} with the share of the gap: {}\">{drawing}</svg><figcaption>{}</figcaption></figure>",
         y.max(1.0),
         escape(&answer(v, subject)),
-        if shown {
-            "Shares of the squared error of the nominal model."
-        } else {
-            "No gap to place."
-        }
+        escape(&sums(v, subject))
     );
 }
 

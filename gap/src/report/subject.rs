@@ -2,8 +2,8 @@
 
 use files::dataset::{Bench, Command, Manifest, Motion, Robot};
 
-use super::words::{capital, listed, quantity, range, size};
-use crate::sentence::{Cause, causes, sentence, unsure};
+use super::words::{capital, floor_explained, listed, quantity, range, size};
+use crate::sentence::{Cause, causes, sentence, sure_of, unsure};
 use crate::verdict::{Verdict, Word};
 
 /// The data set that a verdict is about.
@@ -188,11 +188,20 @@ impl Subject {
         (!out.contains('{')).then(|| capital(&out))
     }
 
+    /// How sure a card is of its cause.
+    pub(super) fn sure_of(&self, v: &Verdict, c: &Cause<'_>) -> Option<String> {
+        match self.tentative {
+            true => Some("Not certain: too little is stated.".into()),
+            false => sure_of(v, c),
+        }
+    }
+
     /// Before, after and floor in one unit.
     pub(super) fn distance(&self, v: &Verdict) -> String {
         let g = &v.gap;
         let [from, to] = range([g.before, g.after], &g.unit);
-        format!("{from} to {to}, floor {}", quantity(g.floor, &g.unit))
+        let floor = quantity(g.floor, &g.unit);
+        format!("{from} to {to}; {} {floor}", floor_explained(v))
     }
 
     /// The causes as headlines, with the number of other readings.

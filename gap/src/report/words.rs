@@ -256,6 +256,15 @@ pub(super) fn floor(v: &Verdict) -> &'static str {
     }
 }
 
+/// The floor with what it is, where it is first named.
+pub(super) fn floor_explained(v: &Verdict) -> &'static str {
+    match v.gap.floor_source.as_str() {
+        "repeats" => "repeatability floor (what two takes of one motion differ by)",
+        "tolerance" => "floor (what the uncertainty of starts and loads explains)",
+        _ => "floor (noise of the signal)",
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
