@@ -233,8 +233,8 @@ fn drive<T: GaitTrials, E: Exchange>(
         ));
     }
     let settings = &task.settings;
-    let _grace =
-        interrupt::grace("stopping; the checkpoint of the last whole iteration is written");
+    // Choosing takes most of a second of the processor, longer on a busy machine.
+    let _grace = interrupt::grace("stopping: choosing from what was found so far");
     let begun = Instant::now();
     let bar = folder.is_some().then(|| {
         context

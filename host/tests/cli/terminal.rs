@@ -171,6 +171,25 @@ fn a_prediction_that_was_stopped_writes_nothing() {
 }
 
 #[test]
+fn a_search_of_gaits_that_was_stopped_says_so_at_once_and_chooses() {
+    let folder = Folder::new("gaits-stopped");
+    let mut terminal = Terminal::new();
+    let mut child = command(&folder, &["optimise", "gait", "-o", "found"])
+        .stdout(Stdio::null())
+        .stderr(terminal.side())
+        .spawn()
+        .unwrap();
+    terminal.wait_for("best ");
+    let id = child.id().to_string();
+    Command::new("kill").args(["-INT", &id]).status().unwrap();
+    terminal.wait_for("stopping: choosing from what was found so far; Ctrl-C again ends");
+    let code = terminal.until_end(&mut child);
+    assert_eq!(code, Some(130), "{}", terminal.seen);
+    assert!(terminal.seen.contains("the checkpoint is written"));
+    assert!(folder.path("found/selection.json").exists());
+}
+
+#[test]
 fn ctrl_c_ends_work_on_a_terminal_at_once() {
     let folder = Folder::new("bars-stopped");
     let crawl = gait("crawl.toml");
