@@ -5,7 +5,6 @@ use rayon::prelude::*;
 use super::block::Block;
 use super::cause::{Cause, Entries};
 use super::linear::{cholesky, forward, inverse, log_determinant};
-use crate::vocabulary::Effect;
 
 /// Sets that are kept at every size.
 const BEAM: usize = 6;
@@ -259,37 +258,11 @@ impl Problem<'_> {
                 }
             }
         }
-        for other in self.merged(set) {
-            if other.evidence > best.evidence + 1e-9 {
-                best = other;
-            }
-        }
         if best.members == set.members {
             return None;
         }
         best.evidence = self.evidence(&best.members);
         Some(best)
-    }
-
-    /// Sets with one cause in the place of all members of one effect: what was found joint by joint may be shared.
-    fn merged(&self, set: &Set) -> Vec<Set> {
-        let effect = |m: &usize| self.causes[*m].effect;
-        let mut effects: Vec<Option<Effect>> = set.members.iter().map(effect).collect();
-        effects.sort_unstable();
-        effects.dedup();
-        let one = |e: &Option<Effect>| {
-            let (own, rest): (Vec<usize>, Vec<usize>) =
-                set.members.iter().partition(|m| effect(m) == *e);
-            let shared = (0..self.causes.len())
-                .into_par_iter()
-                .filter(|c| own.len() > 1 && effect(c) == *e && self.causes[*c].joints.len() > 1)
-                .filter_map(|c| self.with(&rest, c));
-            shared.max_by(|a, b| {
-                let order = a.evidence.total_cmp(&b.evidence);
-                order.then_with(|| b.members.cmp(&a.members))
-            })
-        };
-        effects.iter().filter_map(one).collect()
     }
 
     /// The set of causes of most evidence; every member adds `least` at least.
@@ -395,7 +368,7 @@ mod tests {
     use crate::evidence::block::{Column, Segment, Site, White};
     use crate::evidence::cause::{Group, Scope, causes};
     use crate::math::Rng;
-    use crate::vocabulary::Stage;
+    use crate::vocabulary::{Effect, Stage};
 
     /// A joint's block of white errors: `size` of dry friction and none of another effect.
     fn joint(k: usize, size: f64, rng: &mut Rng) -> Block {
@@ -444,33 +417,6 @@ mod tests {
             (c.effect, c.scope, c.joints.clone())
         };
         found.best.members.iter().map(one).collect()
-    }
-
-    #[test]
-    fn what_was_found_joint_by_joint_becomes_one_cause() {
-        let mut rng = Rng::new(12);
-        let blocks: Vec<Block> = (0..6).map(|k| joint(k, 0.6, &mut rng)).collect();
-        let causes = causes(&blocks, &groups(), &[]);
-        let problem = Problem {
-            blocks: &blocks,
-            causes: &causes,
-            always: &[],
-        };
-        let dry = |c: &&Cause| c.effect == Some(Effect::CoulombFriction);
-        let single = |k: usize| {
-            let own = |c: &Cause| dry(&c) && c.joints == [k];
-            causes.iter().position(own).expect("a cause")
-        };
-        let members: Vec<usize> = (0..6).map(single).collect();
-        let evidence = problem.evidence(&members);
-        let better = problem
-            .exchanged(&Set { members, evidence }, 6.0)
-            .expect("a better set");
-        let [one] = better.members.as_slice() else {
-            panic!("{better:?}");
-        };
-        assert_eq!(causes[*one].joints.len(), 6);
-        assert!(better.evidence > evidence);
     }
 
     #[test]
