@@ -113,6 +113,17 @@ impl Prior {
         }
     }
 
+    /// Standard deviation; that of a logarithm times its median. Zero for [`Prior::OneOf`].
+    #[must_use]
+    pub fn spread(&self) -> f64 {
+        match *self {
+            Prior::LogNormal { median, ln_sigma } => median * ln_sigma,
+            Prior::Normal { sigma, .. } => sigma,
+            Prior::Uniform { low, high } => (high - low) / libm::sqrt(12.0),
+            Prior::OneOf(_) => 0.0,
+        }
+    }
+
     /// The 10 %, 50 % and 90 % quantiles: where a fit may start. Meaningless for [`Prior::OneOf`], whose values are all tried.
     #[must_use]
     pub fn starts(&self) -> [f64; 3] {

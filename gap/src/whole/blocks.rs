@@ -6,6 +6,10 @@ pub(super) mod position;
 pub(super) mod torque;
 pub(super) mod transmission;
 
+/// Degrees of freedom of errors of which a few are gross (Student's t): a body that rests on an edge falls to either side, a
+/// foot is hidden in a frame.
+const FREEDOM: f64 = 6.0;
+
 /// Value of a grid of `step_s` at `t_s`, linear between its points.
 fn on(grid: &[f64], step_s: f64, t_s: f64) -> f64 {
     let place = t_s / step_s;

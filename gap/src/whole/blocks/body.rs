@@ -1,6 +1,7 @@
 //! The base given the joints: poses of short windows, restarted from the measured state and led along the measured
 //! angles.
 
+use super::FREEDOM;
 use crate::evidence::block::{Column, Segment, Site, White};
 use crate::vocabulary::{Effect, Stage};
 use files::model::{Key, Model};
@@ -9,9 +10,6 @@ use rayon::prelude::*;
 use super::super::body::{B, FLEX, NUMBERS, OFFSET, PLAY, RATIO, Tier, of_joint};
 use super::super::body_library::coordinates;
 use super::super::data::JOINTS;
-
-/// Degrees of freedom of the errors of a window (Student's t): a body that rests on an edge falls to either side.
-const FREEDOM: f64 = 6.0;
 
 /// What contact laws of two engines differ by in the friction that motion and loads show, as a share of it: a
 /// pyramid inside the cone has up to 0.71 of it (MuJoCo's default), and creep takes more.

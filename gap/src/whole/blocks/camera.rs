@@ -3,23 +3,17 @@
 
 use super::super::camera::{C, Tier};
 use super::super::search::{Coordinate, Evaluate};
+use super::FREEDOM;
 use crate::evidence::block::{Column, Segment, Site, White};
 use crate::evidence::linear::solve;
 use crate::vocabulary::{Effect, Stage};
 
-/// Degrees of freedom of the errors of a number (Student's t): a foot that is hidden, a frame that is blurred.
-const FREEDOM: f64 = 6.0;
-/// Shifts of the clock that the best camera is looked for from, s: half a step of a gait apart.
-const SHIFTS_S: [f64; 9] = [0.0, -0.25, 0.25, -0.5, 0.5, -0.75, 0.75, -1.0, 1.0];
+/// Shifts of the clock that the best camera is looked for from: so many either side, each half a standard deviation on.
+const SHIFTS: i32 = 4;
 /// Of them, those that are followed.
 const FOLLOWED: usize = 2;
 /// Steps to the best camera.
 const STEPS: usize = 6;
-/// Standard deviations of what a camera may be off by where it is: share of its height, m, rad and s.
-const HEIGHT: f64 = 0.2;
-const OFFSET_M: f64 = 0.2;
-const YAW_RAD: f64 = 0.3;
-const SHIFT_S: f64 = 0.5;
 
 /// A camera and how unlikely it is.
 struct Fit {
@@ -98,13 +92,17 @@ fn followed(tier: &Tier, coordinates: &[Coordinate], mut theta: Vec<f64>) -> Fit
 
 /// The likeliest camera.
 fn likeliest(tier: &Tier, coordinates: &[Coordinate]) -> Vec<f64> {
-    let started = SHIFTS_S.map(|shift| {
+    let apart_s = 0.5 * spread(Effect::CameraTimeShift, "shift_s");
+    let mut order: Vec<i32> = (-SHIFTS..=SHIFTS).collect();
+    // Where no frame shows the clock, it is as stated.
+    order.sort_by_key(|i| i.abs());
+    let started = order.into_iter().map(|i| {
         let mut theta: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
-        theta[C::Shift as usize] += shift;
+        theta[C::Shift as usize] += f64::from(i) * apart_s;
         let cost = cost(&errors(tier, &theta));
         Fit { theta, cost }
     });
-    let mut started = Vec::from(started);
+    let mut started: Vec<Fit> = started.collect();
     started.sort_by(|a, b| a.cost.total_cmp(&b.cost));
     let fits = started.into_iter().take(FOLLOWED);
     let best = fits
@@ -113,19 +111,23 @@ fn likeliest(tier: &Tier, coordinates: &[Coordinate]) -> Vec<f64> {
     best.map_or_else(Vec::new, |f| f.theta)
 }
 
+/// What the registry expects an effect's parameter to be off by.
+fn spread(effect: Effect, key: &str) -> f64 {
+    let own = effect.parameters().iter().find(|p| p.key == key);
+    own.map_or(0.0, |p| p.prior.spread())
+}
+
 fn columns(coordinates: &[Coordinate]) -> Vec<Column> {
-    let of = |c: C| &coordinates[c as usize];
-    let one = |effect, key, c: C, sd| {
-        let own = of(c);
-        Column::linear(effect, key, own.neutral, sd).with_slack(own.sigma)
+    let one = |effect, key, c: C| {
+        let own = &coordinates[c as usize];
+        Column::linear(effect, key, own.neutral, spread(effect, key)).with_slack(own.sigma)
     };
-    let height = HEIGHT * of(C::Height).neutral;
     vec![
-        one(Effect::CameraHeight, "value_m", C::Height, height),
-        one(Effect::CameraOffset, "x_m", C::X, OFFSET_M),
-        one(Effect::CameraOffset, "y_m", C::Y, OFFSET_M),
-        one(Effect::CameraYaw, "angle_rad", C::Yaw, YAW_RAD),
-        one(Effect::CameraTimeShift, "shift_s", C::Shift, SHIFT_S),
+        one(Effect::CameraHeight, "value_m", C::Height),
+        one(Effect::CameraOffset, "x_m", C::X),
+        one(Effect::CameraOffset, "y_m", C::Y),
+        one(Effect::CameraYaw, "angle_rad", C::Yaw),
+        one(Effect::CameraTimeShift, "shift_s", C::Shift),
     ]
 }
 
