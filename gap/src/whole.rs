@@ -249,7 +249,7 @@ impl Diagnosis {
 
 /// A data set, and the nominal model that it is held against.
 #[derive(Clone, Copy)]
-pub struct Set<'a> {
+pub struct DataSet<'a> {
     /// What the data set says of itself.
     pub manifest: &'a Manifest,
     /// Its runs.
@@ -263,7 +263,7 @@ pub struct Set<'a> {
 /// Reads a data set for the search of causes and hands it to `then`, with what a cause must add and what robots
 /// without a cause differ by.
 fn asked<T>(
-    set: Set<'_>,
+    set: DataSet<'_>,
     (withhold, least, spreads): (&[Effect], f64, &Spreads),
     then: impl FnOnce(&causes::Asked<'_>, Option<&mut body::Tier>) -> T,
 ) -> Result<T, WholeError> {
@@ -304,7 +304,7 @@ fn asked<T>(
 /// # Errors
 /// As [`diagnose`].
 pub fn name_causes(
-    set: Set<'_>,
+    set: DataSet<'_>,
     withhold: &[Effect],
     calibration: &Calibration,
 ) -> Result<Causes, WholeError> {
@@ -318,7 +318,7 @@ pub fn name_causes(
 ///
 /// # Errors
 /// As [`diagnose`].
-pub fn null_blocks(set: Set<'_>) -> Result<Vec<(White, f64)>, WholeError> {
+pub fn null_blocks(set: DataSet<'_>) -> Result<Vec<(White, f64)>, WholeError> {
     let settings = (&[][..], f64::INFINITY, &Spreads::default());
     asked(set, settings, |asked, tier| asked.nominal_blocks(tier))
 }

@@ -10,7 +10,7 @@ use gap::bench;
 use gap::decide::{Calibration, CalibrationError};
 use gap::evidence::block::White;
 use gap::vocabulary::Effect;
-use gap::whole::{Causes, Film, Row, Set, calibrated, name_causes, null_blocks};
+use gap::whole::{Causes, DataSet, Film, Row, calibrated, name_causes, null_blocks};
 
 use super::input;
 use super::report::effect;
@@ -120,8 +120,8 @@ impl Whole {
         })
     }
 
-    fn set<'a>(&'a self, input: &'a input::Input) -> Set<'a> {
-        Set {
+    fn set<'a>(&'a self, input: &'a input::Input) -> DataSet<'a> {
+        DataSet {
             manifest: &input.manifest,
             recordings: &input.recordings,
             films: &self.films,
