@@ -1,15 +1,13 @@
 // SPDX-License-Identifier: GPL-2.0-or-later
-//! What is done at single instructions: counters between two addresses of the image, and guest time before a sleep.
+//! Counters between two addresses of the image.
 
 use std::ffi::{c_uint, c_void};
 use std::sync::{Mutex, PoisonError};
 
 use crate::ffi::{self, Opaque, PluginId, PluginU64};
 use crate::options::{Options, RegionOption};
+use crate::sleep;
 use crate::wire::RegionCount;
-
-/// The instruction WFI (Armv7-M Architecture Reference Manual, WFI, encoding T1), in memory order.
-const WFI: [u8; 2] = 0xbf30_u16.to_le_bytes();
 
 struct Region {
     option: RegionOption,
@@ -116,17 +114,7 @@ extern "C" fn translated(_id: PluginId, tb: *mut Opaque) {
             let instruction = ffi::qemu_plugin_tb_get_insn(tb, index);
             (instruction, ffi::qemu_plugin_insn_vaddr(instruction))
         };
-        if is_wfi(instruction) {
-            // SAFETY: the instruction belongs to the block being translated; the callback needs no data.
-            unsafe {
-                ffi::qemu_plugin_register_vcpu_insn_exec_cb(
-                    instruction,
-                    about_to_sleep,
-                    ffi::CB_NO_REGS,
-                    std::ptr::null_mut(),
-                );
-            }
-        }
+        sleep::watch(instruction);
         let function = counters.function_at(address);
         for element in [Some(0), function].into_iter().flatten() {
             // SAFETY: the instruction belongs to the block being translated; the scoreboard has this element.
@@ -155,22 +143,6 @@ extern "C" fn translated(_id: PluginId, tb: *mut Opaque) {
             }
         }
     }
-}
-
-fn is_wfi(instruction: *const Opaque) -> bool {
-    let mut bytes = [0; 2];
-    // SAFETY: the instruction belongs to the block being translated; the buffer has the length given.
-    let copied =
-        unsafe { ffi::qemu_plugin_insn_data(instruction, bytes.as_mut_ptr().cast(), bytes.len()) };
-    copied == bytes.len() && bytes == WFI
-}
-
-/// Brings guest time up to this instruction. QEMU counts a slice's instructions only when the processor's thread is back
-/// from it. Between WFI and then its main thread may find the processor asleep, and would skip to the next timer from
-/// the time at which the slice began.
-extern "C" fn about_to_sleep(_vcpu: c_uint, _user: *mut c_void) {
-    // SAFETY: reads a clock, which counts what has run; WFI is the last instruction of its block, where that is allowed.
-    let _ = unsafe { ffi::qemu_clock_get_ns(ffi::CLOCK_VIRTUAL) };
 }
 
 extern "C" fn visited(_vcpu: c_uint, user: *mut c_void) {

@@ -159,5 +159,15 @@ unsafe extern "C" {
         length: u64,
         write: bool,
     );
+    pub(crate) fn qemu_clock_deadline_ns_all(clock: c_int, attributes: c_int) -> i64;
+    pub(crate) fn qemu_clock_run_timers(clock: c_int) -> bool;
+    pub(crate) fn bql_lock_impl(file: *const c_char, line: c_int);
+    pub(crate) fn bql_unlock();
+    pub(crate) fn cpu_has_work(cpu: *mut c_void) -> bool;
+    pub(crate) fn cpu_exit(cpu: *mut c_void);
+    /// Head of the queue of processors: its first member is the first of them.
+    pub(crate) static cpus_queue: *mut c_void;
+    /// `TimersState`: see `crate::sleep`.
+    pub(crate) static mut timers_state: [u8; 0];
     pub(crate) fn _exit(code: c_int) -> !;
 }

@@ -6,7 +6,7 @@
 //!
 //! * `machine`: the blocks in QEMU's memory map, the STOP input, the lock-step;
 //! * `usart`, `blocks`: register models: USARTs with byte times, flash, watchdog, ADC, RNG;
-//! * `counters`: instructions between two addresses, and guest time brought up to each WFI.
+//! * `counters`: instructions between two addresses; `sleep`: what happens at WFI.
 //!
 //! It uses the plugin API and some functions that the QEMU binary happens to export. The layouts it relies on are those
 //! of 10.0: pin the package. Guest time is `-icount` time; the host side of the socket is `hil_sim::board`.
@@ -16,6 +16,7 @@ mod counters;
 mod ffi;
 mod machine;
 mod options;
+mod sleep;
 mod usart;
 #[path = "../../hil-sim/src/board/wire.rs"]
 pub mod wire;

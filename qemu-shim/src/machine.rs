@@ -14,6 +14,7 @@ use crate::blocks::{Adc, Flash, RegisterFile, Rng, STORE_ADDRESS, STORE_BYTES, W
 use crate::counters;
 use crate::ffi::{self, AccessImpl, AccessValid, MemoryRegionOps, MemoryRegionRoom, TimerRoom};
 use crate::options::Options;
+use crate::sleep;
 use crate::usart::{Transmitted, Usart};
 use crate::wire::{Cause, Order, Port, Report, TimedByte, WIRE_VERSION};
 
@@ -178,6 +179,7 @@ extern "C" fn machine_done(_notifier: *mut ffi::Notifier, _data: *mut c_void) {
             );
             ffi::qemu_register_reset(machine_reset, std::ptr::null_mut());
         }
+        sleep::prepare();
         let hello = Report::new(Cause::Hello, u64::from(WIRE_VERSION));
         let sent = hello.write(&mut machine.writer);
         let answer = sent.and_then(|()| Order::read(&mut machine.reader));
@@ -282,6 +284,7 @@ extern "C" fn timer_fired(_opaque: *mut c_void) {
 }
 
 extern "C" fn machine_reset(_opaque: *mut c_void) {
+    sleep::set_resetting(false);
     let now = now_ns();
     with_machine(|machine| {
         machine.usarts.iter_mut().for_each(Usart::reset);
@@ -485,6 +488,7 @@ fn identity(seed: u64) -> RegisterFile {
 
 /// Honoured by QEMU's main loop after the current instruction.
 fn request_reset() {
+    sleep::set_resetting(true);
     // SAFETY: sets a flag; callable at any time under the big lock.
     unsafe { ffi::qemu_system_reset_request(ffi::RESET_CAUSE_GUEST) };
 }
