@@ -15,7 +15,7 @@ use embassy_stm32::gpio::{Input, Pull};
 use embassy_stm32::pac::usart::Usart;
 use embassy_stm32::rcc::mux::{Adcsel, Clk48sel};
 use embassy_stm32::rcc::{Hsi48Config, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk};
-use embassy_stm32::usart::BufferedUart;
+use embassy_stm32::usart::Uart;
 use embassy_stm32::{Peripherals, pac};
 use firmware::ports::{LinkKind, ResetCause};
 
@@ -79,25 +79,13 @@ impl BoardFile for G474 {
 
     fn fit(p: Peripherals) -> Fitted {
         let watchdog = watchdog(p.IWDG);
-        let (tx, rx) = BUS_RINGS.take();
-        let motors = BufferedUart::new_with_de(
-            p.USART1,
-            p.PA10,
-            p.PA9,
-            p.PA12,
-            Interrupts,
-            tx,
-            rx,
-            bus_config(),
-        );
-        let (tx, rx) = WIRE_RINGS.take();
-        let wire = BufferedUart::new(p.USART2, p.PA3, p.PA2, tx, rx, Interrupts, link_config());
-        let (tx, rx) = RADIO_RINGS.take();
-        let radio = BufferedUart::new(p.USART3, p.PC11, p.PC10, tx, rx, Interrupts, link_config());
+        let motors = Uart::new_blocking_with_de(p.USART1, p.PA10, p.PA9, p.PA12, bus_config());
+        let wire = Uart::new_blocking(p.USART2, p.PA3, p.PA2, link_config());
+        let radio = Uart::new_blocking(p.USART3, p.PC11, p.PC10, link_config());
         Fitted {
-            bus: bus(motors, &BUS_WATCH),
-            wire: link(LinkKind::Wire, wire, &WIRE_WATCH),
-            radio: link(LinkKind::Radio, radio, &RADIO_WATCH),
+            bus: bus(motors, &BUS),
+            wire: link(LinkKind::Wire, wire, &WIRE),
+            radio: link(LinkKind::Radio, radio, &RADIO),
             watchdog,
             stop: Input::new(p.PA8, Pull::Up),
             battery: Battery::new(Adc::new(p.ADC1, AdcConfig::default()), p.PA0),

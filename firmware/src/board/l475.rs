@@ -14,7 +14,7 @@ use embassy_stm32::pac::usart::Usart;
 use embassy_stm32::rcc::{
     MSIRange, Pll, PllMul, PllPreDiv, PllRDiv, PllSource, Sysclk, mux::Clk48sel,
 };
-use embassy_stm32::usart::BufferedUart;
+use embassy_stm32::usart::Uart;
 use embassy_stm32::{Peripherals, pac};
 use firmware::ports::{LinkKind, ResetCause};
 
@@ -74,25 +74,13 @@ impl BoardFile for L475 {
 
     fn fit(p: Peripherals) -> Fitted {
         let watchdog = watchdog(p.IWDG);
-        let (tx, rx) = BUS_RINGS.take();
-        let motors = BufferedUart::new_with_de(
-            p.USART2,
-            p.PD6,
-            p.PD5,
-            p.PD4,
-            Interrupts,
-            tx,
-            rx,
-            bus_config(),
-        );
-        let (tx, rx) = WIRE_RINGS.take();
-        let wire = BufferedUart::new(p.USART1, p.PB7, p.PB6, tx, rx, Interrupts, link_config());
-        let (tx, rx) = RADIO_RINGS.take();
-        let radio = BufferedUart::new(p.UART4, p.PA1, p.PA0, tx, rx, Interrupts, link_config());
+        let motors = Uart::new_blocking_with_de(p.USART2, p.PD6, p.PD5, p.PD4, bus_config());
+        let wire = Uart::new_blocking(p.USART1, p.PB7, p.PB6, link_config());
+        let radio = Uart::new_blocking(p.UART4, p.PA1, p.PA0, link_config());
         Fitted {
-            bus: bus(motors, &BUS_WATCH),
-            wire: link(LinkKind::Wire, wire, &WIRE_WATCH),
-            radio: link(LinkKind::Radio, radio, &RADIO_WATCH),
+            bus: bus(motors, &BUS),
+            wire: link(LinkKind::Wire, wire, &WIRE),
+            radio: link(LinkKind::Radio, radio, &RADIO),
             watchdog,
             stop: Input::new(p.PD14, Pull::Up),
             battery: Battery::new(Adc::new(p.ADC1), p.PC5),

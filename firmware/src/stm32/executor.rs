@@ -21,9 +21,12 @@ pub(crate) fn run(start: impl FnOnce(Spawner)) -> ! {
     let executor: &'static raw::Executor = EXECUTOR.init(raw::Executor::new(core::ptr::null_mut()));
     start(executor.spawner());
     loop {
-        WORK.store(false, Ordering::Release);
-        // SAFETY: the executor is polled from this loop alone, never from an interrupt and never re-entered.
-        unsafe { executor.poll() };
+        // Most interrupts take or give a byte and wake nobody.
+        if WORK.load(Ordering::Acquire) {
+            WORK.store(false, Ordering::Release);
+            // SAFETY: the executor is polled from this loop alone, never from an interrupt and never re-entered.
+            unsafe { executor.poll() };
+        }
         // With interrupts masked an interrupt still ends WFI, so work that comes after the test is not slept through.
         cortex_m::interrupt::disable();
         if !WORK.load(Ordering::Acquire) {

@@ -2,15 +2,15 @@
 
 use embassy_stm32::adc::{Adc, AdcChannel, AnyAdcChannel, SampleTime};
 use embassy_stm32::gpio::Input;
+use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::usart::Usart;
 use embassy_stm32::peripherals::ADC1;
-use embassy_stm32::usart::{BufferedUart, Config as UartConfig, ConfigError};
+use embassy_stm32::usart::{Config as UartConfig, ConfigError, Uart};
 use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Peri, Peripherals, peripherals};
 use firmware::ports::{LinkKind, LinkPort, ResetCause};
-use static_cell::StaticCell;
 
-use super::uart::{UartBus, UartLinkRx, UartLinkTx, Watch};
+use super::uart::{Port, UartBus, UartLinkRx, UartLinkTx};
 
 /// Motor bus speed; every byte takes 10 us.
 const BUS_BAUD: u32 = 1_000_000;
@@ -25,65 +25,41 @@ const WATCHDOG_US: u32 = 200_000;
 /// Send ring of the bus: the longest exchange is 12 motors, about 200 bytes out.
 const BUS_TX_RING: usize = 512;
 /// Receive ring of the bus: about 600 bytes come in.
-pub(crate) const BUS_RX_RING: usize = 1024;
+const BUS_RX_RING: usize = 1024;
 /// Send ring of a host link.
 const LINK_TX_RING: usize = 512;
 /// Receive ring of a host link: 80 ms of line time at 115200 baud.
-pub(crate) const LINK_RX_RING: usize = 1024;
+const LINK_RX_RING: usize = 1024;
 
 /// The motor bus.
-pub(crate) type Bus = UartBus<BUS_TX_RING>;
+pub(crate) type Bus = UartBus<BUS_TX_RING, BUS_RX_RING>;
 /// A host link.
-pub(crate) type Link = LinkPort<UartLinkRx, UartLinkTx<LINK_TX_RING>>;
-/// Rings of the motor bus.
-pub(crate) type BusRings = Rings<BUS_TX_RING, BUS_RX_RING>;
-/// Rings of a host link.
-pub(crate) type LinkRings = Rings<LINK_TX_RING, LINK_RX_RING>;
+pub(crate) type Link =
+    LinkPort<UartLinkRx<LINK_TX_RING, LINK_RX_RING>, UartLinkTx<LINK_TX_RING, LINK_RX_RING>>;
+/// The UART of the motor bus with its rings.
+pub(crate) type BusUart = Port<BUS_TX_RING, BUS_RX_RING>;
+/// The UART of a host link with its rings.
+pub(crate) type LinkUart = Port<LINK_TX_RING, LINK_RX_RING>;
 
-/// Where a UART keeps what waits to go and what has come.
-pub(crate) struct Rings<const TX: usize, const RX: usize> {
-    tx: StaticCell<[u8; TX]>,
-    rx: StaticCell<[u8; RX]>,
-}
-
-impl<const TX: usize, const RX: usize> Rings<TX, RX> {
-    pub(crate) const fn new() -> Self {
-        Self {
-            tx: StaticCell::new(),
-            rx: StaticCell::new(),
-        }
-    }
-
-    /// Both, transmit first. Once.
-    pub(crate) fn take(&'static self) -> (&'static mut [u8], &'static mut [u8]) {
-        (self.tx.init([0; TX]), self.rx.init([0; RX]))
-    }
-}
-
-/// Says which three UARTs a board has: their interrupts, with the look before embassy's handler, and their watches and rings, called `BUS_`, `WIRE_`
-/// and `RADIO_WATCH` and `_RINGS`. Once, in a board file.
+/// Says which three UARTs a board has: their interrupts and their ports, called `BUS`, `WIRE` and `RADIO`. Once, in a board file.
 macro_rules! uarts {
     (bus: $bus:ident, wire: $wire:ident, radio: $radio:ident) => {
-        $crate::stm32::parts::uarts!(Interrupts: $bus, $wire, $radio);
-        $crate::stm32::parts::uarts!($bus, BUS_WATCH, BUS_RX_RING, BUS_RINGS: BusRings);
-        $crate::stm32::parts::uarts!($wire, WIRE_WATCH, LINK_RX_RING, WIRE_RINGS: LinkRings);
-        $crate::stm32::parts::uarts!($radio, RADIO_WATCH, LINK_RX_RING, RADIO_RINGS: LinkRings);
-    };
-    (Interrupts: $($uart:ident),*) => {
         embassy_stm32::bind_interrupts!(struct Interrupts {
-            $($uart =>
-                $crate::stm32::uart::ErrorHook<embassy_stm32::interrupt::typelevel::$uart>,
-                embassy_stm32::usart::BufferedInterruptHandler<embassy_stm32::peripherals::$uart>;)*
+            $bus => $crate::stm32::uart::Service<embassy_stm32::interrupt::typelevel::$bus>;
+            $wire => $crate::stm32::uart::Service<embassy_stm32::interrupt::typelevel::$wire>;
+            $radio => $crate::stm32::uart::Service<embassy_stm32::interrupt::typelevel::$radio>;
         });
+        $crate::stm32::parts::uarts!($bus, BUS: BusUart);
+        $crate::stm32::parts::uarts!($wire, WIRE: LinkUart);
+        $crate::stm32::parts::uarts!($radio, RADIO: LinkUart);
     };
-    ($uart:ident, $watch:ident, $ring:ident, $rings:ident: $kind:ident) => {
-        static $watch: $crate::stm32::uart::Watch =
-            $crate::stm32::uart::Watch::new(embassy_stm32::pac::$uart, $crate::stm32::parts::$ring);
-        static $rings: $crate::stm32::parts::$kind = $crate::stm32::parts::$kind::new();
+    ($uart:ident, $port:ident: $kind:ident) => {
+        static $port: $crate::stm32::parts::$kind =
+            $crate::stm32::parts::$kind::new(embassy_stm32::pac::$uart);
 
-        impl $crate::stm32::uart::Watched for embassy_stm32::interrupt::typelevel::$uart {
-            fn watch() -> &'static $crate::stm32::uart::Watch {
-                &$watch
+        impl $crate::stm32::uart::Served for embassy_stm32::interrupt::typelevel::$uart {
+            fn on_interrupt() {
+                $port.on_interrupt();
             }
         }
     };
@@ -172,21 +148,24 @@ pub(crate) fn link_config() -> UartConfig {
 }
 
 /// The motor bus over a UART.
-pub(crate) fn bus(uart: Result<BufferedUart<'static>, ConfigError>, watch: &'static Watch) -> Bus {
-    let (tx, rx) = defmt::unwrap!(uart.ok()).split();
-    UartBus { tx, rx, watch }
+pub(crate) fn bus(
+    uart: Result<Uart<'static, Blocking>, ConfigError>,
+    port: &'static BusUart,
+) -> Bus {
+    port.open(defmt::unwrap!(uart.ok()));
+    UartBus(port)
 }
 
 /// A host link over a UART.
 pub(crate) fn link(
     kind: LinkKind,
-    uart: Result<BufferedUart<'static>, ConfigError>,
-    watch: &'static Watch,
+    uart: Result<Uart<'static, Blocking>, ConfigError>,
+    port: &'static LinkUart,
 ) -> Link {
-    let (tx, rx) = defmt::unwrap!(uart.ok()).split();
+    port.open(defmt::unwrap!(uart.ok()));
     LinkPort {
         kind,
-        rx: UartLinkRx(rx, watch),
-        tx: UartLinkTx(tx),
+        rx: UartLinkRx(port),
+        tx: UartLinkTx(port),
     }
 }

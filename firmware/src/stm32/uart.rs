@@ -1,68 +1,226 @@
-//! The ports of the application over embassy's buffered UARTs, with the receive errors that these swallow.
+//! The ports of the application over UARTs, one interrupt a byte and no more work in it than that byte asks for.
 //!
-//! embassy's interrupt handler logs framing, noise and overrun errors, stores the damaged byte as data and drops bytes without a sign when its ring is
-//! full. So [`ErrorHook`] runs before it in the same interrupt, reads the flags before they are cleared, and counts what goes into the ring.
+//! embassy-stm32 sets pins, clock and baud rate. Its buffered driver is not used: its interrupt takes 80 instructions a byte, logs framing, noise and
+//! overrun errors, stores the damaged byte as data, and drops bytes without a sign when its ring is full.
 
+use core::cell::Cell;
+use core::future::poll_fn;
 use core::marker::PhantomData;
-use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
+use core::task::{Context, Poll, Waker};
 
+use critical_section::Mutex;
 use embassy_stm32::interrupt::typelevel::{Handler, Interrupt};
+use embassy_stm32::mode::Blocking;
 use embassy_stm32::pac::usart::Usart;
-use embassy_stm32::usart::{BufferedUartRx, BufferedUartTx, Error};
-use embedded_io::ReadReady;
-use embedded_io_async::{BufRead, Read, Write};
+use embassy_stm32::pac::usart::regs::Icr;
+use embassy_stm32::usart::Uart;
 use firmware::ports::{BusPort, LinkRx, LinkTx, PortError};
 
-/// What the interrupt of one UART has seen.
-pub(crate) struct Watch {
-    registers: Usart,
-    /// Bytes that its receive ring holds.
-    ring: u32,
-    received: AtomicU32,
-    taken: AtomicU32,
-    noise: AtomicBool,
-    overrun: AtomicBool,
+// Bits of ISR; those of the first four and of IDLE are cleared in ICR at the same places (RM0351 sections 40.8.8 and 40.8.9, RM0440 the same).
+const PE: u32 = 1 << 0;
+const FE: u32 = 1 << 1;
+const NE: u32 = 1 << 2;
+const ORE: u32 = 1 << 3;
+const IDLE: u32 = 1 << 4;
+const RXNE: u32 = 1 << 5;
+const TXE: u32 = 1 << 7;
+const DAMAGED: u32 = PE | FE | NE;
+
+/// Bytes moved each way in one interrupt at most: the depth of the FIFOs of a USART of the G4 (RM0440 section 37.5.3). The L4 has none.
+const FIFO: usize = 8;
+
+/// Bytes between an interrupt and a task; one of them puts, the other takes. `N` is a power of two.
+struct Ring<const N: usize> {
+    bytes: [AtomicU8; N],
+    /// Bytes put so far, and taken: both wrap.
+    put: AtomicUsize,
+    taken: AtomicUsize,
 }
 
-impl Watch {
-    pub(crate) const fn new(registers: Usart, ring: usize) -> Self {
+impl<const N: usize> Ring<N> {
+    const MASK: usize = {
+        assert!(N.is_power_of_two());
+        N - 1
+    };
+
+    const fn new() -> Self {
         Self {
-            registers,
-            ring: ring as u32,
-            received: AtomicU32::new(0),
-            taken: AtomicU32::new(0),
-            noise: AtomicBool::new(false),
-            overrun: AtomicBool::new(false),
+            bytes: [const { AtomicU8::new(0) }; N],
+            put: AtomicUsize::new(0),
+            taken: AtomicUsize::new(0),
         }
     }
 
-    /// In the interrupt, before embassy's handler clears the flags.
-    fn look(&self) {
-        let flags = self.registers.isr().read();
-        if flags.fe() || flags.ne() || flags.pe() {
-            self.noise.store(true, Ordering::Relaxed);
-        }
-        if flags.ore() {
-            self.overrun.store(true, Ordering::Relaxed);
-        }
-        if flags.rxne() {
-            let received = self.received.load(Ordering::Relaxed);
-            let waiting = received.wrapping_sub(self.taken.load(Ordering::Relaxed));
-            if waiting >= self.ring {
-                // The ring is full: this byte goes nowhere.
-                self.overrun.store(true, Ordering::Relaxed);
-            } else {
-                self.received
-                    .store(received.wrapping_add(1), Ordering::Relaxed);
+    fn waiting(&self) -> usize {
+        let taken = self.taken.load(Ordering::Acquire);
+        self.put.load(Ordering::Acquire).wrapping_sub(taken)
+    }
+
+    /// Puts as many as fit; returns how many.
+    fn put(&self, bytes: &[u8]) -> usize {
+        let count = bytes.len().min(N.saturating_sub(self.waiting()));
+        let put = self.put.load(Ordering::Relaxed);
+        for (byte, index) in bytes.iter().take(count).zip(put..) {
+            if let Some(place) = self.bytes.get(index & Self::MASK) {
+                place.store(*byte, Ordering::Relaxed);
             }
         }
+        self.put.store(put.wrapping_add(count), Ordering::Release);
+        count
     }
 
-    fn took(&self, bytes: usize) {
-        // Only the task that reads this port writes here.
+    /// False when there is no room.
+    fn push(&self, byte: u8) -> bool {
+        let put = self.put.load(Ordering::Relaxed);
+        if put.wrapping_sub(self.taken.load(Ordering::Acquire)) >= N {
+            return false;
+        }
+        if let Some(place) = self.bytes.get(put & Self::MASK) {
+            place.store(byte, Ordering::Relaxed);
+        }
+        self.put.store(put.wrapping_add(1), Ordering::Release);
+        true
+    }
+
+    fn pop(&self) -> Option<u8> {
         let taken = self.taken.load(Ordering::Relaxed);
+        if taken == self.put.load(Ordering::Acquire) {
+            return None;
+        }
+        let byte = self.bytes.get(taken & Self::MASK)?.load(Ordering::Relaxed);
+        self.taken.store(taken.wrapping_add(1), Ordering::Release);
+        Some(byte)
+    }
+
+    /// Takes as many as fit; returns how many.
+    fn take(&self, into: &mut [u8]) -> usize {
+        let count = self.waiting().min(into.len());
+        let taken = self.taken.load(Ordering::Relaxed);
+        for (place, index) in into.iter_mut().take(count).zip(taken..) {
+            if let Some(byte) = self.bytes.get(index & Self::MASK) {
+                *place = byte.load(Ordering::Relaxed);
+            }
+        }
         self.taken
-            .store(taken.wrapping_add(bytes as u32), Ordering::Relaxed);
+            .store(taken.wrapping_add(count), Ordering::Release);
+        count
+    }
+
+    fn clear(&self) {
+        self.taken
+            .store(self.put.load(Ordering::Acquire), Ordering::Release);
+    }
+}
+
+/// A task that waits for an interrupt.
+struct Waiter(Mutex<Cell<Option<Waker>>>);
+
+impl Waiter {
+    const fn new() -> Self {
+        Self(Mutex::new(Cell::new(None)))
+    }
+
+    fn wait(&self, context: &Context<'_>) {
+        critical_section::with(|cs| self.0.borrow(cs).set(Some(context.waker().clone())));
+    }
+
+    fn wake(&self) {
+        if let Some(waker) = critical_section::with(|cs| self.0.borrow(cs).take()) {
+            waker.wake();
+        }
+    }
+}
+
+/// A UART with what waits to go and what has come, as its interrupt and its tasks share it.
+pub(crate) struct Port<const TX: usize, const RX: usize> {
+    registers: Usart,
+    going: Ring<TX>,
+    come: Ring<RX>,
+    noise: AtomicBool,
+    overrun: AtomicBool,
+    sender: Waiter,
+    receiver: Waiter,
+}
+
+impl<const TX: usize, const RX: usize> Port<TX, RX> {
+    pub(crate) const fn new(registers: Usart) -> Self {
+        Self {
+            registers,
+            going: Ring::new(),
+            come: Ring::new(),
+            noise: AtomicBool::new(false),
+            overrun: AtomicBool::new(false),
+            sender: Waiter::new(),
+            receiver: Waiter::new(),
+        }
+    }
+
+    /// Begins to receive. The UART stays on for ever.
+    pub(crate) fn open(&'static self, uart: Uart<'static, Blocking>) {
+        core::mem::forget(uart);
+        self.registers.cr1().modify(|w| {
+            w.set_rxneie(true);
+            w.set_idleie(true);
+        });
+    }
+
+    pub(crate) fn on_interrupt(&self) {
+        let mut flags = self.registers.isr().read().0;
+        if flags & (RXNE | ORE | IDLE | DAMAGED) != 0 {
+            flags = self.receive(flags);
+        }
+        // Without bytes to send TXE stands all the time, and TXEIE is off.
+        if flags & TXE != 0 && self.registers.cr1().read().txeie() {
+            self.transmit();
+        }
+    }
+
+    /// Takes what has come; returns the flags as they are then.
+    fn receive(&self, mut flags: u32) -> u32 {
+        let mut seen = flags;
+        for _ in 0..FIFO {
+            if flags & RXNE == 0 {
+                break;
+            }
+            let byte = self.registers.rdr().read().0 as u8;
+            if !self.come.push(byte) {
+                // The ring is full: this byte goes nowhere.
+                self.overrun.store(true, Ordering::Relaxed);
+            }
+            flags = self.registers.isr().read().0;
+            seen |= flags;
+        }
+        if seen & (IDLE | ORE | DAMAGED) != 0 {
+            self.registers
+                .icr()
+                .write_value(Icr(seen & (IDLE | ORE | DAMAGED)));
+            if seen & DAMAGED != 0 {
+                self.noise.store(true, Ordering::Relaxed);
+            }
+            if seen & ORE != 0 {
+                self.overrun.store(true, Ordering::Relaxed);
+            }
+        }
+        // A task is worth waking at the end of a burst, and in time before the ring is full.
+        if seen & IDLE != 0 || self.come.waiting() >= RX / 2 {
+            self.receiver.wake();
+        }
+        flags
+    }
+
+    fn transmit(&self) {
+        for _ in 0..FIFO {
+            let Some(byte) = self.going.pop() else {
+                self.registers.cr1().modify(|w| w.set_txeie(false));
+                self.sender.wake();
+                return;
+            };
+            self.registers.tdr().write(|w| w.0 = u32::from(byte));
+            if !self.registers.isr().read().txe() {
+                return;
+            }
+        }
     }
 
     /// An error since the last call.
@@ -75,117 +233,95 @@ impl Watch {
             None
         }
     }
+
+    /// Waits for bytes; an error comes before the bytes that waited with it, which the next call returns.
+    async fn read(&self, into: &mut [u8]) -> Result<usize, PortError> {
+        poll_fn(|context| {
+            if self.come.waiting() == 0 {
+                self.receiver.wait(context);
+                // Asked again, so that a byte that came between the two is not slept through.
+                if self.come.waiting() == 0 {
+                    return Poll::Pending;
+                }
+            }
+            Poll::Ready(match self.error() {
+                Some(error) => Err(error),
+                None => Ok(self.come.take(into)),
+            })
+        })
+        .await
+    }
+
+    /// Waits until nothing waits to go, then takes as many bytes as fit; returns how many.
+    async fn write(&self, bytes: &[u8]) -> usize {
+        let count = poll_fn(|context| {
+            if self.going.waiting() > 0 {
+                self.sender.wait(context);
+                if self.going.waiting() > 0 {
+                    return Poll::Pending;
+                }
+            }
+            Poll::Ready(self.going.put(bytes))
+        })
+        .await;
+        // The interrupt changes this register too.
+        critical_section::with(|_| self.registers.cr1().modify(|w| w.set_txeie(true)));
+        count
+    }
 }
 
-/// Where the watch of an interrupt stands.
-pub(crate) trait Watched: Interrupt {
-    /// It.
-    fn watch() -> &'static Watch;
+/// Where the port of an interrupt stands.
+pub(crate) trait Served: Interrupt {
+    /// Serves it.
+    fn on_interrupt();
 }
 
-/// The interrupt handler that looks before embassy's.
-pub(crate) struct ErrorHook<T>(PhantomData<T>);
+/// The interrupt handler of a port.
+pub(crate) struct Service<T>(PhantomData<T>);
 
-impl<T: Watched> Handler<T> for ErrorHook<T> {
+impl<T: Served> Handler<T> for Service<T> {
     unsafe fn on_interrupt() {
-        T::watch().look();
+        T::on_interrupt();
     }
 }
-
-fn port_error(error: Error) -> PortError {
-    match error {
-        Error::Overrun | Error::BufferTooLong => PortError::Overrun,
-        _ => PortError::Noise,
-    }
-}
-
-/// Waits for bytes; an error comes before the bytes that waited with it, which the next call returns.
-async fn receive(
-    rx: &mut BufferedUartRx<'static>,
-    watch: &Watch,
-    into: &mut [u8],
-) -> Result<usize, PortError> {
-    rx.fill_buf().await.map_err(port_error)?;
-    if let Some(error) = watch.error() {
-        return Err(error);
-    }
-    // Returns at once: there is something to read.
-    let count = Read::read(rx, into).await.map_err(port_error)?;
-    watch.took(count);
-    Ok(count)
-}
-
-/// Hands `bytes` to the transmit ring, which holds `ring` bytes.
-///
-/// embassy's `write` forgets to register its waker when the ring has too little room, and would sleep for ever. So a
-/// write waits until the ring is empty and never brings more than fits.
-async fn send(
-    tx: &mut BufferedUartTx<'static>,
-    ring: usize,
-    bytes: &[u8],
-) -> Result<usize, PortError> {
-    let part = bytes.get(..ring).unwrap_or(bytes);
-    tx.flush().await.map_err(port_error)?;
-    tx.write(part).await.map_err(port_error)
-}
-
-/// Bytes thrown away at a time.
-const DRAIN: usize = 64;
 
 /// The motor bus.
-pub(crate) struct UartBus<const RING: usize> {
-    pub(crate) tx: BufferedUartTx<'static>,
-    pub(crate) rx: BufferedUartRx<'static>,
-    pub(crate) watch: &'static Watch,
-}
+pub(crate) struct UartBus<const TX: usize, const RX: usize>(pub(crate) &'static Port<TX, RX>);
 
-impl<const RING: usize> BusPort for UartBus<RING> {
+impl<const TX: usize, const RX: usize> BusPort for UartBus<TX, RX> {
     async fn write_all(&mut self, mut bytes: &[u8]) -> Result<(), PortError> {
         while !bytes.is_empty() {
-            let sent = send(&mut self.tx, RING, bytes).await?;
+            let sent = self.0.write(bytes).await;
             bytes = bytes.get(sent..).unwrap_or(&[]);
         }
         Ok(())
     }
 
     async fn read(&mut self, into: &mut [u8]) -> Result<usize, PortError> {
-        receive(&mut self.rx, self.watch, into).await
+        self.0.read(into).await
     }
 
     fn discard_input(&mut self) {
-        let mut drain = [0; DRAIN];
-        // A ring full and one more: a line that babbles faster than this loop would keep it here for ever.
-        for _ in 0..=self.watch.ring as usize / DRAIN {
-            if !self.rx.read_ready().unwrap_or(false) {
-                break;
-            }
-            // Returns at once: there is something to read.
-            if let Ok(count) = embedded_io::Read::read(&mut self.rx, &mut drain) {
-                self.watch.took(count);
-            }
-        }
+        self.0.come.clear();
         // Errors of what was thrown away went with it.
-        let _ = (self.watch.error(), self.watch.error());
+        let _ = (self.0.error(), self.0.error());
     }
 }
 
 /// Receiving half of a host link.
-pub(crate) struct UartLinkRx(
-    pub(crate) BufferedUartRx<'static>,
-    pub(crate) &'static Watch,
-);
+pub(crate) struct UartLinkRx<const TX: usize, const RX: usize>(pub(crate) &'static Port<TX, RX>);
 
-impl LinkRx for UartLinkRx {
+impl<const TX: usize, const RX: usize> LinkRx for UartLinkRx<TX, RX> {
     async fn read(&mut self, into: &mut [u8]) -> Result<usize, PortError> {
-        receive(&mut self.0, self.1, into).await
+        self.0.read(into).await
     }
 }
 
 /// Sending half of a host link.
-pub(crate) struct UartLinkTx<const RING: usize>(pub(crate) BufferedUartTx<'static>);
+pub(crate) struct UartLinkTx<const TX: usize, const RX: usize>(pub(crate) &'static Port<TX, RX>);
 
-impl<const RING: usize> LinkTx for UartLinkTx<RING> {
+impl<const TX: usize, const RX: usize> LinkTx for UartLinkTx<TX, RX> {
     async fn write(&mut self, bytes: &[u8]) -> Result<usize, PortError> {
-        send(&mut self.0, RING, bytes).await
+        Ok(self.0.write(bytes).await)
     }
 }
