@@ -99,6 +99,16 @@ trait Bits {
 
     /// As many ones as `count` says and a zero, or [`ESCAPE`] ones; returns how many.
     fn ones(&mut self, count: u32) -> Option<u32>;
+
+    /// The Golomb-Rice code with parameter `k`, or [`ESCAPE`] ones and the number itself.
+    fn rice(&mut self, code: u32, k: u32) -> Option<u32> {
+        let ones = self.ones(code >> k)?;
+        if ones == ESCAPE {
+            return self.bits(code, PLAIN_BITS);
+        }
+        let low = self.bits(code & ((1 << k) - 1), k)?;
+        Some(ones << k | low)
+    }
 }
 
 /// Adaptive Golomb-Rice parameter: four times the mean of the last codes.
@@ -124,12 +134,7 @@ impl Rice {
         let k = (u32::BITS - (self.0 >> 2).leading_zeros())
             .saturating_sub(1)
             .min(30);
-        let ones = bits.ones(code >> k)?;
-        if ones == ESCAPE {
-            return bits.bits(code, PLAIN_BITS);
-        }
-        let low = bits.bits(code & ((1 << k) - 1), k)?;
-        Some(ones << k | low)
+        bits.rice(code, k)
     }
 }
 
@@ -167,7 +172,7 @@ impl SampleDelta {
     }
 
     /// Whether each sample says in which form it is.
-    fn says_form(&self) -> bool {
+    pub(super) fn says_form(&self) -> bool {
         self.last.motors.len() != JOINTS
     }
 
@@ -179,16 +184,16 @@ impl SampleDelta {
         out: &mut [u8; MAX_SAMPLE],
         form: Form,
     ) -> Option<usize> {
-        let mut writer = Writer { out, len: 0 };
+        let mut writer = Writer::new(out);
         self.walk(&mut writer, sample, form)?;
-        Some(writer.len.div_ceil(8))
+        writer.finish()
     }
 
     /// Reads one sample; `None` when the bytes end early or a number is impossible.
     pub(super) fn decode<'a>(&mut self, bytes: &'a [u8]) -> Option<(Sample, &'a [u8])> {
         let mut reader = Reader { bytes, at: 0 };
         let nothing = Sample::of(self.last.motors.len() as u8);
-        let sample = self.walk(&mut reader, &nothing, Form::Adaptive)?;
+        self.walk(&mut reader, &nothing, Form::Adaptive)?;
         let used = reader.at.div_ceil(8);
         // The rest of the last byte is zero, so that one sample has one code.
         while reader.at < used.saturating_mul(8) {
@@ -196,21 +201,42 @@ impl SampleDelta {
                 return None;
             }
         }
-        Some((sample, bytes.get(used..)?))
+        Some((self.last.clone(), bytes.get(used..)?))
     }
 
-    /// One sample through `bits`; `sample` counts only when writing.
-    fn walk<B: Bits>(&mut self, bits: &mut B, sample: &Sample, form: Form) -> Option<Sample> {
+    /// One sample through `bits`; `sample` counts only when writing. It is the last one then. After `None` nothing here means anything.
+    fn walk<B: Bits>(&mut self, bits: &mut B, sample: &Sample, form: Form) -> Option<()> {
         self.set_sizes();
         let plain = self.says_form() && bits.bits(u32::from(form == Form::Plain), 1)? == 1;
+        let t_us = self.walk_head(bits, sample, plain)?;
+        let t_passed_us = t_us.wrapping_sub(self.last.t_us);
+        let mut neighbour = MotorSample::ZERO;
+        let motors = self.motors.iter_mut().zip(&mut self.last.motors);
+        for ((history, last), from) in motors.zip(&sample.motors) {
+            *last = if self.samples == 0 {
+                history.walk_first(bits, &neighbour, from, plain)?
+            } else {
+                history.walk(bits, last, from, t_passed_us, plain)?
+            };
+            neighbour = *last;
+        }
+        if self.samples > 0 {
+            self.t_step = t_passed_us;
+        }
+        self.last.t_us = t_us;
+        self.samples = self.samples.saturating_add(1);
+        Some(())
+    }
+
+    /// What a sample holds besides its motors; returns its time, which is not yet the last one.
+    fn walk_head<B: Bits>(&mut self, bits: &mut B, sample: &Sample, plain: bool) -> Option<u64> {
         let width = |index: usize| PLAIN_HEAD.get(index).copied().filter(|_| plain);
-        let last = self.last.clone();
+        let last = &mut self.last;
         let [cycle, time, flags, mask] = &mut self.head;
-        let cycle = last.cycle.wrapping_add(cycle.code(
-            bits,
-            sample.cycle.wrapping_sub(last.cycle) as i32,
-            width(0),
-        )? as u32);
+        let step = sample.cycle.wrapping_sub(last.cycle) as i32;
+        last.cycle = last
+            .cycle
+            .wrapping_add(cycle.code(bits, step, width(0))? as u32);
         // Times move on evenly; 32 bits of the difference are enough but for the first sample and jumps.
         let t_predicted = last.t_us.wrapping_add(self.t_step);
         let t_residual = sample.t_us.wrapping_sub(t_predicted);
@@ -222,39 +248,11 @@ impl SampleDelta {
         } else {
             extended
         };
-        let t_us = t_predicted.wrapping_add(t_residual);
-        let flags =
-            last.flags ^ byte(flags.code(bits, i32::from(sample.flags ^ last.flags), width(2))?)?;
-        let mask = mask.code(
-            bits,
-            i32::from(sample.valid_mask ^ last.valid_mask),
-            width(3),
-        )?;
-        let valid_mask = last.valid_mask ^ u16::try_from(mask).ok()?;
-        let mut out = Sample {
-            cycle,
-            t_us,
-            flags,
-            valid_mask,
-            motors: last.motors.clone(),
-        };
-        let t_passed_us = t_us.wrapping_sub(last.t_us);
-        let mut neighbour = MotorSample::ZERO;
-        let before = self.motors.iter_mut().zip(&last.motors);
-        for ((to, from), (history, last)) in out.motors.iter_mut().zip(&sample.motors).zip(before) {
-            *to = if self.samples == 0 {
-                history.walk_first(bits, &neighbour, from, plain)?
-            } else {
-                history.walk(bits, last, from, t_passed_us, plain)?
-            };
-            neighbour = *to;
-        }
-        if self.samples > 0 {
-            self.t_step = t_us.wrapping_sub(last.t_us);
-        }
-        self.last = out.clone();
-        self.samples = self.samples.saturating_add(1);
-        Some(out)
+        let changed = i32::from(sample.flags ^ last.flags);
+        last.flags ^= byte(flags.code(bits, changed, width(2))?)?;
+        let changed = i32::from(sample.valid_mask ^ last.valid_mask);
+        last.valid_mask ^= u16::try_from(mask.code(bits, changed, width(3))?).ok()?;
+        Some(t_predicted.wrapping_add(t_residual))
     }
 
     /// The first samples of a block begin with typical sizes.
@@ -510,7 +508,16 @@ impl Motion {
 /// What a motor moves in a time at the mean of two velocities: 0.5 mrad/s times us is 1/2000 urad. Wraps for times that are none.
 fn moved_urad(before: i16, after: i16, t_passed_us: u64) -> i32 {
     let twice = i64::from(before).wrapping_add(i64::from(after));
-    (twice.wrapping_mul(t_passed_us as i64) / 4000) as i32
+    let moved = twice.wrapping_mul(t_passed_us as i64);
+    // Of one cycle it fits 32 bits, which a Cortex-M4 divides in hardware.
+    i32::try_from(moved).map_or_else(|_| moved_far_urad(moved), |moved| moved / 4000)
+}
+
+/// Apart, or the compiler divides 64 bits, in software, every time.
+#[cold]
+#[inline(never)]
+fn moved_far_urad(moved: i64) -> i32 {
+    (moved / 4000) as i32
 }
 
 /// The driver's tick when its clock runs as ours.
@@ -531,23 +538,55 @@ fn byte(value: i32) -> Option<u8> {
 
 struct Writer<'a> {
     out: &'a mut [u8; MAX_SAMPLE],
-    /// Bits.
+    /// Whole bytes written.
     len: usize,
+    /// Bits that wait for their word to be full, lowest first, and how many there are: fewer than 32.
+    word: u32,
+    waiting: u32,
+}
+
+impl<'a> Writer<'a> {
+    fn new(out: &'a mut [u8; MAX_SAMPLE]) -> Self {
+        Self {
+            out,
+            len: 0,
+            word: 0,
+            waiting: 0,
+        }
+    }
+
+    /// Writes the first bytes of `word`.
+    fn store(&mut self, bytes: usize) -> Option<()> {
+        let end = self.len.saturating_add(bytes);
+        // MAX_SAMPLE is the sum of all maxima of six motors: only more of them find no place.
+        let places = self.out.get_mut(self.len..end)?;
+        for (place, byte) in places.iter_mut().zip(self.word.to_le_bytes()) {
+            *place = byte;
+        }
+        self.len = end;
+        Some(())
+    }
+
+    /// Writes what waits, its last byte filled up with zeros; returns how many bytes there are.
+    fn finish(mut self) -> Option<usize> {
+        self.store(self.waiting.div_ceil(8) as usize)?;
+        Some(self.len)
+    }
 }
 
 impl Bits for Writer<'_> {
     fn bits(&mut self, code: u32, width: u32) -> Option<u32> {
-        let (mut rest, mut left) = (code, width);
-        // At most five passes: a byte is filled in each.
-        while left > 0 {
-            // MAX_SAMPLE is the sum of all maxima of six motors: only more of them find no place.
-            let place = self.out.get_mut(self.len >> 3)?;
-            let used = (self.len & 7) as u32;
-            let now = left.min(8 - used);
-            *place |= ((rest & ((1 << now) - 1)) << used) as u8;
-            rest >>= now;
-            left -= now;
-            self.len = self.len.saturating_add(now as usize);
+        // At most 32.
+        let code = code & u32::MAX.checked_shr(u32::BITS - width).unwrap_or(0);
+        self.word |= code << self.waiting;
+        let waiting = self.waiting + width;
+        if waiting >= u32::BITS {
+            self.store(4)?;
+            // What found no place: nothing when the word was just filled.
+            self.word = code.checked_shr(u32::BITS - self.waiting).unwrap_or(0);
+            self.waiting = waiting - u32::BITS;
+        } else {
+            self.waiting = waiting;
         }
         Some(code)
     }
@@ -556,6 +595,25 @@ impl Bits for Writer<'_> {
         let ones = count.min(ESCAPE);
         self.bits((1 << ones) - 1, ones + u32::from(ones < ESCAPE))?;
         Some(ones)
+    }
+
+    fn rice(&mut self, code: u32, k: u32) -> Option<u32> {
+        let ones = (code >> k).min(ESCAPE);
+        let width = ones + 1 + k;
+        if ones == ESCAPE || width > u32::BITS {
+            self.ones(ones)?;
+            let (rest, width) = if ones == ESCAPE {
+                (code, PLAIN_BITS)
+            } else {
+                (code, k)
+            };
+            self.bits(rest, width)?;
+        } else {
+            // All of it at once: the ones, a zero, the low bits. A shift by 32 has no low bits to bring.
+            let low = (code & ((1 << k) - 1)).checked_shl(ones + 1).unwrap_or(0);
+            self.bits(low | ((1 << ones) - 1), width)?;
+        }
+        Some(code)
     }
 }
 

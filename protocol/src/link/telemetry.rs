@@ -227,20 +227,19 @@ impl BlockWriter {
             return false;
         }
         let mut code = [0; delta::MAX_SAMPLE];
-        let mut state = self.state.clone();
-        let mut used = state.encode(sample, &mut code, Form::Adaptive);
-        if used.is_none() {
+        // What does not fit ends the block, and the next one begins with a new state: nothing to go back to, but for the second form.
+        let before = self.state.says_form().then(|| self.state.clone());
+        let mut used = self.state.encode(sample, &mut code, Form::Adaptive);
+        if let (None, Some(before)) = (used, before) {
             // More than six motors, most of them far from what was predicted.
-            state = self.state.clone();
-            code = [0; delta::MAX_SAMPLE];
-            used = state.encode(sample, &mut code, Form::Plain);
+            self.state = before;
+            used = self.state.encode(sample, &mut code, Form::Plain);
         }
         let Some(used) = used else { return false };
         let code = code.get(..used).unwrap_or(&[]);
         if self.block.data.extend_from_slice(code).is_err() {
             return false;
         }
-        self.state = state;
         self.block.count = self.block.count.saturating_add(1);
         self.next = self.next.saturating_add(1);
         true
