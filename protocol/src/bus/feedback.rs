@@ -120,20 +120,14 @@ impl PackedFeedback {
         if bytes.iter().step_by(3).any(|byte| byte & 0x80 != 0) {
             return None;
         }
-        let mut source = bytes.iter().enumerate();
-        let mut fields = [0; WIDTHS.len()];
-        // Bits of the bytes taken that no field has had: fewer than a byte's between two fields, fewer than 36 within one.
-        let (mut held, mut count) = (0_u64, 0);
-        for (field, width) in fields.iter_mut().zip(WIDTHS) {
-            while count < width
-                && let Some((index, byte)) = source.next()
-            {
-                held |= u64::from(*byte) << count;
-                count += capacity(index);
-            }
-            *field = (held & ((1 << width) - 1)) as u32;
-            held >>= width;
-            count = count.saturating_sub(width);
+        // Three bytes carry 23 bits. The last group is one byte.
+        let mut groups = [0; PACKED_LEN.div_ceil(3)];
+        for (group, part) in groups.iter_mut().zip(bytes.chunks(3)) {
+            *group = match *part {
+                [a, b, c] => u32::from(a) | u32::from(b) << 7 | u32::from(c) << 15,
+                [a, ..] => u32::from(a),
+                [] => 0,
+            };
         }
         let [
             tick,
@@ -146,7 +140,7 @@ impl PackedFeedback {
             temperature,
             status,
             boots,
-        ] = fields;
+        ] = unpack(&groups);
         Some(Self {
             tick_4us: tick as u16,
             applied_urad: extend(applied, 28),
@@ -160,6 +154,31 @@ impl PackedFeedback {
             boots: boots as u8,
         })
     }
+}
+
+/// Bits that three bytes carry.
+const GROUP: u32 = 23;
+
+/// The fields of [`WIDTHS`] out of groups of [`GROUP`] bits.
+fn unpack(groups: &[u32; PACKED_LEN.div_ceil(3)]) -> [u32; WIDTHS.len()] {
+    let mut at = 0;
+    WIDTHS.map(|width| {
+        let field = bits_at(groups, at, width);
+        at += width;
+        field
+    })
+}
+
+/// `width` bits from bit `at` on: at most 28, which may reach over three groups.
+#[inline(always)]
+fn bits_at(groups: &[u32; PACKED_LEN.div_ceil(3)], at: u32, width: u32) -> u32 {
+    let group = |index: u32| groups.get(index as usize).copied().unwrap_or(0);
+    let (first, bit) = (at / GROUP, at % GROUP);
+    let mut value = group(first) >> bit | group(first + 1) << (GROUP - bit);
+    if 2 * GROUP - bit < width {
+        value |= group(first + 2) << (2 * GROUP - bit);
+    }
+    value & ((1 << width) - 1)
 }
 
 /// Bits that the byte at this index carries.
