@@ -21,18 +21,19 @@ pub(crate) fn run(start: impl FnOnce(Spawner)) -> ! {
     let executor: &'static raw::Executor = EXECUTOR.init(raw::Executor::new(core::ptr::null_mut()));
     start(executor.spawner());
     loop {
-        // Most interrupts take or give a byte and wake nobody.
-        if WORK.load(Ordering::Acquire) {
-            WORK.store(false, Ordering::Release);
-            // SAFETY: the executor is polled from this loop alone, never from an interrupt and never re-entered.
-            unsafe { executor.poll() };
-        }
-        // With interrupts masked an interrupt still ends WFI, so work that comes after the test is not slept through.
+        // With interrupts masked an interrupt still ends WFI, so work that comes after the test is not slept through. Most interrupts take or give a
+        // byte and wake nobody: then nothing else is looked at.
         cortex_m::interrupt::disable();
-        if !WORK.load(Ordering::Acquire) {
+        let work = WORK.load(Ordering::Relaxed);
+        if !work {
             cortex_m::asm::wfi();
         }
         // SAFETY: ends the short critical section begun above.
         unsafe { cortex_m::interrupt::enable() };
+        if work {
+            WORK.store(false, Ordering::Release);
+            // SAFETY: the executor is polled from this loop alone, never from an interrupt and never re-entered.
+            unsafe { executor.poll() };
+        }
     }
 }

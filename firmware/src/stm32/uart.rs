@@ -6,7 +6,7 @@
 use core::cell::Cell;
 use core::future::poll_fn;
 use core::marker::PhantomData;
-use core::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicUsize, Ordering, compiler_fence};
 use core::task::{Context, Poll, Waker};
 
 use critical_section::Mutex;
@@ -27,10 +27,8 @@ const RXNE: u32 = 1 << 5;
 const TXE: u32 = 1 << 7;
 const DAMAGED: u32 = PE | FE | NE;
 
-/// Bytes moved each way in one interrupt at most: the depth of the FIFOs of a USART of the G4 (RM0440 section 37.5.3). The L4 has none.
-const FIFO: usize = 8;
-
-/// Bytes between an interrupt and a task; one of them puts, the other takes. `N` is a power of two.
+/// Bytes between an interrupt and a task; one of them puts, the other takes. `N` is a power of two. Both run on one core, so the compiler alone
+/// must keep the order of accesses.
 struct Ring<const N: usize> {
     bytes: [AtomicU8; N],
     /// Bytes put so far, and taken: both wrap.
@@ -53,43 +51,59 @@ impl<const N: usize> Ring<N> {
     }
 
     fn waiting(&self) -> usize {
-        let taken = self.taken.load(Ordering::Acquire);
-        self.put.load(Ordering::Acquire).wrapping_sub(taken)
+        let taken = self.taken.load(Ordering::Relaxed);
+        let waiting = self.put.load(Ordering::Relaxed).wrapping_sub(taken);
+        compiler_fence(Ordering::Acquire);
+        waiting
+    }
+
+    /// The places of `count` bytes, at most `N`, from the one with this number on: up to the end of the array, and from its begin.
+    fn places(&self, from: usize, count: usize) -> impl Iterator<Item = &AtomicU8> {
+        let start = from & Self::MASK;
+        let first = self.bytes.get(start..).unwrap_or(&[]);
+        let first = first.get(..count).unwrap_or(first);
+        let second = self.bytes.get(..count - first.len()).unwrap_or(&[]);
+        first.iter().chain(second)
     }
 
     /// Puts as many as fit; returns how many.
     fn put(&self, bytes: &[u8]) -> usize {
         let count = bytes.len().min(N.saturating_sub(self.waiting()));
         let put = self.put.load(Ordering::Relaxed);
-        for (byte, index) in bytes.iter().take(count).zip(put..) {
-            if let Some(place) = self.bytes.get(index & Self::MASK) {
-                place.store(*byte, Ordering::Relaxed);
-            }
-        }
-        self.put.store(put.wrapping_add(count), Ordering::Release);
+        let mut bytes = bytes.iter();
+        // `for_each` runs the two parts one after the other.
+        self.places(put, count).for_each(|place| {
+            place.store(bytes.next().copied().unwrap_or(0), Ordering::Relaxed);
+        });
+        compiler_fence(Ordering::Release);
+        self.put.store(put.wrapping_add(count), Ordering::Relaxed);
         count
     }
 
-    /// False when there is no room.
-    fn push(&self, byte: u8) -> bool {
+    /// Returns how many wait then; `None` when there is no room.
+    fn push(&self, byte: u8) -> Option<usize> {
         let put = self.put.load(Ordering::Relaxed);
-        if put.wrapping_sub(self.taken.load(Ordering::Acquire)) >= N {
-            return false;
+        let waiting = put.wrapping_sub(self.taken.load(Ordering::Relaxed));
+        if waiting >= N {
+            return None;
         }
-        if let Some(place) = self.bytes.get(put & Self::MASK) {
-            place.store(byte, Ordering::Relaxed);
-        }
-        self.put.store(put.wrapping_add(1), Ordering::Release);
-        true
+        self.bytes
+            .get(put & Self::MASK)?
+            .store(byte, Ordering::Relaxed);
+        compiler_fence(Ordering::Release);
+        self.put.store(put.wrapping_add(1), Ordering::Relaxed);
+        Some(waiting + 1)
     }
 
     fn pop(&self) -> Option<u8> {
         let taken = self.taken.load(Ordering::Relaxed);
-        if taken == self.put.load(Ordering::Acquire) {
+        if taken == self.put.load(Ordering::Relaxed) {
             return None;
         }
+        compiler_fence(Ordering::Acquire);
         let byte = self.bytes.get(taken & Self::MASK)?.load(Ordering::Relaxed);
-        self.taken.store(taken.wrapping_add(1), Ordering::Release);
+        compiler_fence(Ordering::Release);
+        self.taken.store(taken.wrapping_add(1), Ordering::Relaxed);
         Some(byte)
     }
 
@@ -97,19 +111,21 @@ impl<const N: usize> Ring<N> {
     fn take(&self, into: &mut [u8]) -> usize {
         let count = self.waiting().min(into.len());
         let taken = self.taken.load(Ordering::Relaxed);
-        for (place, index) in into.iter_mut().take(count).zip(taken..) {
-            if let Some(byte) = self.bytes.get(index & Self::MASK) {
+        let mut into = into.iter_mut();
+        self.places(taken, count).for_each(|byte| {
+            if let Some(place) = into.next() {
                 *place = byte.load(Ordering::Relaxed);
             }
-        }
+        });
+        compiler_fence(Ordering::Release);
         self.taken
-            .store(taken.wrapping_add(count), Ordering::Release);
+            .store(taken.wrapping_add(count), Ordering::Relaxed);
         count
     }
 
     fn clear(&self) {
         self.taken
-            .store(self.put.load(Ordering::Acquire), Ordering::Release);
+            .store(self.put.load(Ordering::Relaxed), Ordering::Relaxed);
     }
 }
 
@@ -159,16 +175,19 @@ impl<const TX: usize, const RX: usize> Port<TX, RX> {
     /// Begins to receive. The UART stays on for ever.
     pub(crate) fn open(&'static self, uart: Uart<'static, Blocking>) {
         core::mem::forget(uart);
-        self.registers.cr1().modify(|w| {
-            w.set_rxneie(true);
-            w.set_idleie(true);
+        critical_section::with(|_| {
+            self.registers.cr1().modify(|w| {
+                w.set_rxneie(true);
+                w.set_idleie(true);
+            });
         });
     }
 
+    /// One byte each way: while there is more the interrupt stays pending.
     pub(crate) fn on_interrupt(&self) {
-        let mut flags = self.registers.isr().read().0;
+        let flags = self.registers.isr().read().0;
         if flags & (RXNE | ORE | IDLE | DAMAGED) != 0 {
-            flags = self.receive(flags);
+            self.receive(flags);
         }
         // Without bytes to send TXE stands all the time, and TXEIE is off.
         if flags & TXE != 0 && self.registers.cr1().read().txeie() {
@@ -176,49 +195,38 @@ impl<const TX: usize, const RX: usize> Port<TX, RX> {
         }
     }
 
-    /// Takes what has come; returns the flags as they are then.
-    fn receive(&self, mut flags: u32) -> u32 {
-        let mut seen = flags;
-        for _ in 0..FIFO {
-            if flags & RXNE == 0 {
-                break;
-            }
+    fn receive(&self, flags: u32) {
+        // A task is worth waking at the end of a burst, and in time before the ring is full.
+        let mut wake = flags & IDLE != 0;
+        if flags & RXNE != 0 {
             let byte = self.registers.rdr().read().0 as u8;
-            if !self.come.push(byte) {
+            match self.come.push(byte) {
+                Some(waiting) => wake |= waiting >= RX / 2,
                 // The ring is full: this byte goes nowhere.
-                self.overrun.store(true, Ordering::Relaxed);
+                None => self.overrun.store(true, Ordering::Relaxed),
             }
-            flags = self.registers.isr().read().0;
-            seen |= flags;
         }
-        if seen & (IDLE | ORE | DAMAGED) != 0 {
-            self.registers
-                .icr()
-                .write_value(Icr(seen & (IDLE | ORE | DAMAGED)));
-            if seen & DAMAGED != 0 {
+        let events = flags & (IDLE | ORE | DAMAGED);
+        if events != 0 {
+            self.registers.icr().write_value(Icr(events));
+            if flags & DAMAGED != 0 {
                 self.noise.store(true, Ordering::Relaxed);
             }
-            if seen & ORE != 0 {
+            if flags & ORE != 0 {
                 self.overrun.store(true, Ordering::Relaxed);
             }
         }
-        // A task is worth waking at the end of a burst, and in time before the ring is full.
-        if seen & IDLE != 0 || self.come.waiting() >= RX / 2 {
+        if wake {
             self.receiver.wake();
         }
-        flags
     }
 
     fn transmit(&self) {
-        for _ in 0..FIFO {
-            let Some(byte) = self.going.pop() else {
+        match self.going.pop() {
+            Some(byte) => self.registers.tdr().write(|w| w.0 = u32::from(byte)),
+            None => {
                 self.registers.cr1().modify(|w| w.set_txeie(false));
                 self.sender.wake();
-                return;
-            };
-            self.registers.tdr().write(|w| w.0 = u32::from(byte));
-            if !self.registers.isr().read().txe() {
-                return;
             }
         }
     }
