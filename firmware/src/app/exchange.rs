@@ -459,9 +459,7 @@ impl Master {
             }
             return false;
         }
-        for byte in bytes {
-            self.exchange.push(*byte);
-        }
+        self.exchange.extend(bytes);
         let complete = self.take_answers(core);
         // What needs no answer is over when its own time is, or an echo would run into the next packet.
         complete && self.exchange.request().is_answered()

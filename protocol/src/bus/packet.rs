@@ -347,13 +347,13 @@ impl Parser {
         }
     }
 
-    /// Bytes that [`Parser::extend`] may take at once: with them the packet that has begun is still not whole.
+    /// Bytes after which there is nothing to look for: with them the packet that has begun is still not whole.
     #[must_use]
     pub fn quiet_bytes(&self) -> usize {
         self.whole_at.saturating_sub(self.end).saturating_sub(1)
     }
 
-    /// Takes [`Parser::quiet_bytes`] or fewer; there is nothing to look for afterwards.
+    /// Takes some bytes. After [`Parser::quiet_bytes`] or fewer there is nothing to look for.
     pub fn extend(&mut self, bytes: &[u8]) {
         let end = self.end.saturating_add(bytes.len());
         if let Some(places) = self.bytes.get_mut(self.end..end) {

@@ -2,7 +2,7 @@
 //!
 //! The envelope (header, CRC, COBS) is the same in every version for ever, so that a version mismatch can be named instead of looking like noise.
 
-use cobs::{CobsEncoder, DecodeResult, DecoderState};
+use cobs::{DecodeResult, DecoderState};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -331,9 +331,9 @@ pub fn encode<M: Message>(
     message: &M,
     out: &mut [u8],
 ) -> Result<usize, EncodeError> {
-    let mut buffer = [0; 1 + MAX_PAYLOAD];
-    let used = postcard::to_slice(message, &mut buffer).map_err(|_| EncodeError::BufferTooSmall)?;
-    envelope(header, used, out)
+    let mut body = [0; MAX_BODY];
+    let len = place(message, &mut body)?.len();
+    envelope(header, &mut body, len, out)
 }
 
 /// As [`encode`], with the order's last field, its tag, replaced by the tag for this key and nonce.
@@ -372,36 +372,108 @@ fn encode_tagged<M: Message>(
     sign: impl FnOnce(u8, &[u8]) -> Tag,
     out: &mut [u8],
 ) -> Result<usize, EncodeError> {
-    let mut buffer = [0; 1 + MAX_PAYLOAD];
-    let used = postcard::to_slice(message, &mut buffer).map_err(|_| EncodeError::BufferTooSmall)?;
-    let (signed, place) = used
+    let mut body = [0; MAX_BODY];
+    let used = place(message, &mut body)?;
+    let len = used.len();
+    let (signed, tag) = used
         .split_last_chunk_mut::<TAG_LEN>()
         .ok_or(EncodeError::NotSignable)?;
     let (kind, payload) = signed.split_first().ok_or(EncodeError::NotSignable)?;
-    *place = sign(*kind, payload).0;
-    envelope(header, used, out)
+    *tag = sign(*kind, payload).0;
+    envelope(header, &mut body, len, out)
 }
 
-/// Header, message and CRC through COBS, between two zeros.
-fn envelope(header: &Header, message: &[u8], out: &mut [u8]) -> Result<usize, EncodeError> {
-    let mut head = [0; HEADER_LEN - 1];
+/// Writes the message to its place in a body: behind the header, with room for the checksum.
+fn place<'a, M: Message>(
+    message: &M,
+    body: &'a mut [u8; MAX_BODY],
+) -> Result<&'a mut [u8], EncodeError> {
+    let room = body
+        .get_mut(HEADER_LEN - 1..MAX_BODY - CRC_LEN)
+        .ok_or(EncodeError::BufferTooSmall)?;
+    postcard::to_slice(message, room).map_err(|_| EncodeError::BufferTooSmall)
+}
+
+/// Puts header and CRC around the `len` bytes of the message in `body`, and all of it through COBS between two zeros.
+fn envelope(
+    header: &Header,
+    body: &mut [u8; MAX_BODY],
+    len: usize,
+    out: &mut [u8],
+) -> Result<usize, EncodeError> {
     let [s0, s1] = header.sequence.to_le_bytes();
     let [b0, b1, b2, b3] = header.boot_id.to_le_bytes();
-    head.copy_from_slice(&[header.version, header.source, s0, s1, b0, b1, b2, b3]);
-
-    let mut crc = crate::crc::Crc32c::new();
-    crc.update(&head);
-    crc.update(message);
-
-    let (first, rest) = out.split_first_mut().ok_or(EncodeError::BufferTooSmall)?;
-    *first = 0;
-    let mut encoder = CobsEncoder::new(rest);
-    for part in [head.as_slice(), message, &crc.value().to_le_bytes()] {
-        encoder
-            .push(part)
-            .map_err(|_| EncodeError::BufferTooSmall)?;
+    let head = [header.version, header.source, s0, s1, b0, b1, b2, b3];
+    for (place, byte) in body.iter_mut().zip(head) {
+        *place = byte;
     }
-    let len = encoder.finalize();
-    *rest.get_mut(len).ok_or(EncodeError::BufferTooSmall)? = 0;
-    Ok(len.saturating_add(2))
+    let checked = head.len().saturating_add(len);
+    let crc = crc32c(body.get(..checked).unwrap_or(&[])).to_le_bytes();
+    for (place, byte) in body.iter_mut().skip(checked).zip(crc) {
+        *place = byte;
+    }
+    let body = body.get(..checked.saturating_add(CRC_LEN)).unwrap_or(&[]);
+    frame(body, out).ok_or(EncodeError::BufferTooSmall)
+}
+
+/// COBS between two zeros; `None` when there is too little room. The crate `cobs` takes twice as long for a byte.
+fn frame(body: &[u8], out: &mut [u8]) -> Option<usize> {
+    let room = out.len();
+    let mut places = out.iter_mut();
+    *places.next()? = 0;
+    // A code says how far the next zero is: at most 254 bytes lie between. It is known when the bytes behind it are written.
+    let mut code_place = places.next()?;
+    let mut code = 1_u8;
+    for byte in body {
+        if code == u8::MAX {
+            // No zero after this stretch.
+            *code_place = code;
+            code_place = places.next()?;
+            code = 1;
+        }
+        let place = places.next()?;
+        if *byte == 0 {
+            *code_place = code;
+            code_place = place;
+            code = 1;
+        } else {
+            *place = *byte;
+            code = code.wrapping_add(1);
+        }
+    }
+    *code_place = code;
+    *places.next()? = 0;
+    Some(room.saturating_sub(places.len()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::frame;
+
+    #[test]
+    fn codes_are_those_of_the_crate() {
+        let mut bytes = [0; 505];
+        for seed in 0..2_000_u32 {
+            let len = (seed * 7919 % 506) as usize;
+            let often = seed % 5;
+            let mut state = seed;
+            for byte in &mut bytes {
+                state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                // No zeros, few, many, only zeros.
+                *byte = match (often, state >> 24) {
+                    (0, high) => (high | 1) as u8,
+                    (1, high) if high < 4 => 0,
+                    (2, high) if high < 128 => 0,
+                    (3, _) => 0,
+                    (_, high) => high as u8,
+                };
+            }
+            let (mut out, mut wanted) = ([7; 512], [7; 512]);
+            let len_wanted = cobs::encode_including_sentinels(&bytes[..len], &mut wanted);
+            let found = frame(&bytes[..len], &mut out);
+            assert_eq!(found, Some(len_wanted), "{len} bytes, seed {seed}");
+            assert_eq!(out[..len_wanted], wanted[..len_wanted], "seed {seed}");
+            assert_eq!(frame(&bytes[..len], &mut out[..len_wanted - 1]), None);
+        }
+    }
 }

@@ -100,7 +100,16 @@ pub struct SampleBlock {
     /// Motors of the robot; 0 where none has run yet.
     pub motors: u8,
     /// The delta code.
+    #[serde(serialize_with = "as_bytes")]
     pub data: Vec<u8, MAX_BLOCK_DATA, u16>,
+}
+
+/// The same bytes on the wire as a list of numbers, moved at once.
+fn as_bytes<S: serde::Serializer>(
+    data: &Vec<u8, MAX_BLOCK_DATA, u16>,
+    to: S,
+) -> Result<S::Ok, S::Error> {
+    to.serialize_bytes(data)
 }
 
 /// Why a block cannot be read.
@@ -426,6 +435,7 @@ pub(super) mod six_block {
         first: u32,
         count: u8,
         dropped: u32,
+        #[serde(serialize_with = "super::as_bytes")]
         data: &'a Vec<u8, MAX_BLOCK_DATA, u16>,
     }
 

@@ -157,6 +157,14 @@ impl Exchange {
         }
     }
 
+    /// Takes some bytes, as [`Exchange::push`] one by one.
+    pub fn extend(&mut self, bytes: &[u8]) {
+        match &mut self.frames {
+            Frames::Dynamixel(parser) => parser.extend(bytes),
+            Frames::Feetech(parser) => bytes.iter().for_each(|byte| parser.push(*byte)),
+        }
+    }
+
     /// The time is over: searches what is left for packets behind a damaged one. Then call [`Exchange::next_answer`] until it returns `None`.
     pub fn finish(&mut self) {
         match &mut self.frames {
