@@ -72,11 +72,21 @@ pub struct Blocked {
 /// Certified clearance of a pose (angles in rad, multi-turn allowed). A pose that is not finite has none.
 #[must_use]
 pub fn clearance(model: &RobotModel, q_rad: &[f32; JOINTS]) -> Clearance {
+    clearance_within(model, q_rad, 0.0, f32::INFINITY)
+}
+
+/// As [`clearance`], but not refined further once the distance is known to be below `give_up_m` or certified to be at least `enough_m`.
+fn clearance_within(
+    model: &RobotModel,
+    q_rad: &[f32; JOINTS],
+    give_up_m: f32,
+    enough_m: f32,
+) -> Clearance {
     let shape = FlatShape::of(model);
     let [_, _, q2, q3, _, _] = *q_rad;
     let arms = Arms::at(model, q2, q3);
     let cubes = arms.end_cubes(q_rad);
-    let found = separation(&shape, &cubes, 0.0, f32::INFINITY);
+    let found = separation(&shape, &cubes, give_up_m, enough_m);
     let clearance_m = found.lower_m - ROUNDING_M;
     let finite = q_rad.iter().all(|q| q.is_finite());
     Clearance {
@@ -143,9 +153,15 @@ pub fn check_move(
     let Verdict::Blocked(_) = verdict else {
         return verdict;
     };
-    let from_m = clearance(model, from_rad).clearance_m;
-    let leaves = from_m < margins.keep_m && from_m >= margins.escape_m;
-    if !leaves || clearance(model, to_rad).clearance_m < from_m {
+    // Which side of a bound a clearance lies on is settled before its value. Beyond the bound by this much rounding cannot bring it back.
+    let beyond_m = 2.0 * ROUNDING_M;
+    let (enough_m, give_up_m) = (margins.keep_m + beyond_m, margins.escape_m - beyond_m);
+    let from_m = clearance_within(model, from_rad, give_up_m, enough_m).clearance_m;
+    if !(from_m < margins.keep_m && from_m >= margins.escape_m) {
+        return verdict;
+    }
+    let to_m = clearance_within(model, to_rad, from_m - beyond_m, from_m + beyond_m).clearance_m;
+    if to_m < from_m {
         return verdict;
     }
     let margin_m = (from_m - ESCAPE_SLACK_M).max(margins.escape_m);
