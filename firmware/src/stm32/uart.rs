@@ -183,52 +183,56 @@ impl<const TX: usize, const RX: usize> Port<TX, RX> {
         });
     }
 
-    /// One byte each way: while there is more the interrupt stays pending.
+    /// One byte each way: while there is more the interrupt stays pending. What does not happen at every byte stands apart, so that this stays short.
+    #[inline(always)]
     pub(crate) fn on_interrupt(&self) {
         let flags = self.registers.isr().read().0;
-        if flags & (RXNE | ORE | IDLE | DAMAGED) != 0 {
-            self.receive(flags);
+        if flags & RXNE != 0 {
+            let byte = self.registers.rdr().read().0 as u8;
+            if self.come.push(byte).is_none_or(|waiting| waiting >= RX / 2) {
+                self.is_filling();
+            }
+        }
+        if flags & (IDLE | ORE | DAMAGED) != 0 {
+            self.is_over(flags & (IDLE | ORE | DAMAGED));
         }
         // Without bytes to send TXE stands all the time, and TXEIE is off.
         if flags & TXE != 0 && self.registers.cr1().read().txeie() {
-            self.transmit();
+            match self.going.pop() {
+                Some(byte) => self.registers.tdr().write(|w| w.0 = u32::from(byte)),
+                None => self.is_sent(),
+            }
         }
     }
 
-    fn receive(&self, flags: u32) {
-        // A task is worth waking at the end of a burst, and in time before the ring is full.
-        let mut wake = flags & IDLE != 0;
-        if flags & RXNE != 0 {
-            let byte = self.registers.rdr().read().0 as u8;
-            match self.come.push(byte) {
-                Some(waiting) => wake |= waiting >= RX / 2,
-                // The ring is full: this byte goes nowhere.
-                None => self.overrun.store(true, Ordering::Relaxed),
-            }
+    /// A task is worth waking in time before the ring is full; if it is, the byte has gone nowhere.
+    #[inline(never)]
+    fn is_filling(&self) {
+        if self.come.waiting() >= RX {
+            self.overrun.store(true, Ordering::Relaxed);
         }
-        let events = flags & (IDLE | ORE | DAMAGED);
-        if events != 0 {
-            self.registers.icr().write_value(Icr(events));
-            if flags & DAMAGED != 0 {
-                self.noise.store(true, Ordering::Relaxed);
-            }
-            if flags & ORE != 0 {
-                self.overrun.store(true, Ordering::Relaxed);
-            }
+        self.receiver.wake();
+    }
+
+    /// The end of a burst, or a fault in it.
+    #[inline(never)]
+    fn is_over(&self, events: u32) {
+        self.registers.icr().write_value(Icr(events));
+        if events & DAMAGED != 0 {
+            self.noise.store(true, Ordering::Relaxed);
         }
-        if wake {
+        if events & ORE != 0 {
+            self.overrun.store(true, Ordering::Relaxed);
+        }
+        if events & IDLE != 0 {
             self.receiver.wake();
         }
     }
 
-    fn transmit(&self) {
-        match self.going.pop() {
-            Some(byte) => self.registers.tdr().write(|w| w.0 = u32::from(byte)),
-            None => {
-                self.registers.cr1().modify(|w| w.set_txeie(false));
-                self.sender.wake();
-            }
-        }
+    #[inline(never)]
+    fn is_sent(&self) {
+        self.registers.cr1().modify(|w| w.set_txeie(false));
+        self.sender.wake();
     }
 
     /// An error since the last call.
