@@ -265,6 +265,8 @@ pub struct SampleLog<const BLOCKS: usize> {
     blocks: Deque<SampleBlock, BLOCKS>,
     /// Blocks at the front that were sent once.
     sent: usize,
+    /// The last sample ended a block: it is not sent in the same cycle, which has coded that sample twice.
+    fresh: bool,
     writer: BlockWriter,
 }
 
@@ -281,6 +283,7 @@ impl<const BLOCKS: usize> SampleLog<BLOCKS> {
         Self {
             blocks: Deque::new(),
             sent: 0,
+            fresh: false,
             writer: BlockWriter::BLANK,
         }
     }
@@ -289,28 +292,41 @@ impl<const BLOCKS: usize> SampleLog<BLOCKS> {
     pub fn begin(&mut self, run: u16, motors: u8) {
         self.blocks.clear();
         self.sent = 0;
+        self.fresh = false;
         self.writer = BlockWriter::new(run, motors);
     }
 
     /// Takes a sample.
     pub fn push(&mut self, sample: &Sample) {
+        self.fresh = false;
         if let Some(full) = self.writer.push(sample) {
             self.store(full);
+            self.fresh = true;
         }
     }
 
     /// Ends the block that is being filled: at the end of the run, or to keep latency low.
     pub fn flush(&mut self) {
+        self.fresh = false;
         if let Some(block) = self.writer.take() {
             self.store(block);
         }
     }
 
-    /// The next block to be sent; it counts as sent now.
+    /// The next block to be sent; it counts as sent now. One that the last sample has ended waits for the next sample or the end of the run.
     pub fn next_unsent(&mut self) -> Option<&SampleBlock> {
+        if !self.has_unsent() {
+            return None;
+        }
         let block = self.blocks.iter().nth(self.sent)?;
         self.sent = self.sent.saturating_add(1);
         Some(block)
+    }
+
+    /// Whether [`SampleLog::next_unsent`] has one.
+    #[must_use]
+    pub fn has_unsent(&self) -> bool {
+        self.sent.saturating_add(usize::from(self.fresh)) < self.blocks.len()
     }
 
     /// The block that holds sample `from`, or the next one kept. At the end: an empty block whose `first` is the number of samples taken.
