@@ -275,9 +275,10 @@ impl Core {
         let state = self.supervisor.state();
         let on = self.motors.mask(|motor| motor.torque() == Some(true));
         let ready = on == self.motion.machine().all_joints();
+        let busy = self.telemetry.has_unsent();
         let Some(run) = self.run.as_mut() else { return };
         run.age_cycles = run.age_cycles.saturating_add(1);
-        if !run.is_intact() {
+        if !run.is_intact(busy) {
             self.fault_in_motion(Fault::GaitCorrupt);
             return;
         }

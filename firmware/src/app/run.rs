@@ -8,6 +8,8 @@ use protocol::link::{Digest, EndReason, RunEnd, StartOrder, TelemetryRate, WireG
 
 /// Cycles between two checks of the gait in RAM against its fingerprint: one second.
 const CHECK_CYCLES: u32 = 20;
+/// A check waits at most so many cycles for one without other work of that size. A block of the record ends every tenth cycle or less often.
+const CHECK_WAITS_CYCLES: u32 = 5;
 
 /// A run.
 pub struct Run {
@@ -38,6 +40,8 @@ pub struct Run {
     pub hold_cycles: u32,
     /// A set-point went out since the last sample.
     pub new_setpoint: bool,
+    /// Of gait against fingerprint.
+    check_due: bool,
     crc: Crc32c,
     reason: Option<EndReason>,
 }
@@ -61,6 +65,7 @@ impl Run {
             hold_next: false,
             hold_cycles: 0,
             new_setpoint: false,
+            check_due: false,
             crc: Crc32c::new(),
             reason: None,
         }
@@ -80,11 +85,14 @@ impl Run {
         }
     }
 
-    /// Once a second: whether gait and planner still hold what was ordered.
-    pub fn is_intact(&mut self) -> bool {
-        if !self.age_cycles.is_multiple_of(CHECK_CYCLES) {
+    /// Once a second: whether gait and planner still hold what was ordered. `busy`: this cycle has much else to do, so a later one checks.
+    pub fn is_intact(&mut self, busy: bool) -> bool {
+        let phase = self.age_cycles % CHECK_CYCLES;
+        self.check_due |= phase == 0;
+        if !self.check_due || (busy && phase < CHECK_WAITS_CYCLES) {
             return true;
         }
+        self.check_due = false;
         let planned = self.planner.as_ref().map_or(&self.gait, Planner::gait);
         let found = WireGait::from(planned).digest();
         if self.next_digest == Some(found) {
