@@ -40,7 +40,9 @@ pub(crate) fn separation(
     };
     for _ in 0..MAX_ITERATIONS {
         let (length, v) = unit(x);
-        best.upper_m = best.upper_m.min(length);
+        if length < best.upper_m {
+            best.upper_m = length;
+        }
         if length < 1e-6 || best.upper_m < give_up_m {
             break;
         }
@@ -92,111 +94,127 @@ impl Simplex {
     fn add_and_reduce(&mut self, w: Vec3) -> Vec3 {
         let [a, b, c] = self.points;
         let nearest = match self.len {
-            0 => Nearest::point(w),
-            1 => nearest_on_segment(w, a),
-            2 => nearest_on_triangle(w, a, b),
+            0 => Nearest::point(w, 0),
+            1 => nearest_on_segment((w, 0), (a, 1)),
+            2 => nearest_on_triangle((w, 0), (a, 1), (b, 2)),
             _ => nearest_on_new_faces(w, a, b, c),
         };
-        self.points = nearest.points;
+        let corner = |number| match number {
+            0 => w,
+            1 => a,
+            2 => b,
+            _ => c,
+        };
+        let [first, second, third] = nearest.corners;
+        self.points = [corner(first), corner(second), corner(third)];
         self.len = nearest.len;
         nearest.at
     }
 }
 
-/// The point of a simplex nearest to the origin and the corners of the feature it lies on.
+/// A point of a simplex and its number there: 0 is the new one.
+type Corner = (Vec3, u8);
+
+/// The point of a simplex nearest to the origin and the corners of the feature it lies on, by their numbers; beyond `len` they mean nothing.
 #[derive(Clone, Copy)]
 struct Nearest {
     at: Vec3,
-    points: [Vec3; 3],
+    corners: [u8; 3],
     len: u8,
 }
 
 impl Nearest {
-    fn point(a: Vec3) -> Self {
+    fn point(a: Vec3, corner: u8) -> Self {
         Nearest {
             at: a,
-            points: [a, Vec3::ZERO, Vec3::ZERO],
+            corners: [corner; 3],
             len: 1,
         }
     }
 }
 
-fn nearest_on_segment(a: Vec3, b: Vec3) -> Nearest {
+fn nearest_on_segment((a, ia): Corner, (b, ib): Corner) -> Nearest {
     let ab = b - a;
     let along = -a.dot(ab);
     let whole = ab.norm_squared();
     if along <= 0.0 || whole < 1e-14 {
-        Nearest::point(a)
+        Nearest::point(a, ia)
     } else if along >= whole {
-        Nearest::point(b)
+        Nearest::point(b, ib)
     } else {
         Nearest {
             at: a + ab * (along / whole),
-            points: [a, b, Vec3::ZERO],
+            corners: [ia, ib, ib],
             len: 2,
         }
     }
 }
 
 /// Voronoi regions of a triangle (Ericson, Real-Time Collision Detection, 5.1.5).
-fn nearest_on_triangle(a: Vec3, b: Vec3, c: Vec3) -> Nearest {
+fn nearest_on_triangle((a, ia): Corner, (b, ib): Corner, (c, ic): Corner) -> Nearest {
     let (ab, ac) = (b - a, c - a);
     let (d1, d2) = (-ab.dot(a), -ac.dot(a));
     if d1 <= 0.0 && d2 <= 0.0 {
-        return Nearest::point(a);
+        return Nearest::point(a, ia);
     }
     let (d3, d4) = (-ab.dot(b), -ac.dot(b));
     if d3 >= 0.0 && d4 <= d3 {
-        return Nearest::point(b);
+        return Nearest::point(b, ib);
     }
     let vc = d1 * d4 - d3 * d2;
     if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-        return nearest_on_segment(a, b);
+        return nearest_on_segment((a, ia), (b, ib));
     }
     let (d5, d6) = (-ab.dot(c), -ac.dot(c));
     if d6 >= 0.0 && d5 <= d6 {
-        return Nearest::point(c);
+        return Nearest::point(c, ic);
     }
     let vb = d5 * d2 - d1 * d6;
     if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-        return nearest_on_segment(a, c);
+        return nearest_on_segment((a, ia), (c, ic));
     }
     let va = d3 * d6 - d5 * d4;
     if va <= 0.0 && (d4 - d3) >= 0.0 && (d5 - d6) >= 0.0 {
-        return nearest_on_segment(b, c);
+        return nearest_on_segment((b, ib), (c, ic));
     }
     let total = va + vb + vc;
     if total < 1e-20 {
-        return nearest_on_segment(a, b);
+        return nearest_on_segment((a, ia), (b, ib));
     }
     let k = 1.0 / total;
     Nearest {
         at: a + ab * (vb * k) + ac * (vc * k),
-        points: [a, b, c],
+        corners: [ia, ib, ic],
         len: 3,
     }
 }
 
 /// The nearest of the three faces that hold the new point `w`, unless the origin lies inside the tetrahedron.
 fn nearest_on_new_faces(w: Vec3, a: Vec3, b: Vec3, c: Vec3) -> Nearest {
-    let mut best: Option<Nearest> = None;
-    for (p, q, other) in [(a, b, c), (b, c, a), (a, c, b)] {
-        let normal = (p - w).cross(q - w);
+    let mut best = Nearest {
+        at: Vec3::ZERO,
+        corners: [0, 1, 2],
+        len: 3,
+    };
+    let mut best_squared = f32::INFINITY;
+    let mut face = |p: Corner, q: Corner, other: Vec3| {
+        let normal = (p.0 - w).cross(q.0 - w);
         let origin_side = -normal.dot(w);
         let other_side = normal.dot(other - w);
         if origin_side * other_side > 0.0 {
-            continue;
+            return;
         }
-        let candidate = nearest_on_triangle(w, p, q);
-        if best.is_none_or(|b| candidate.at.norm_squared() < b.at.norm_squared()) {
-            best = Some(candidate);
+        let candidate = nearest_on_triangle((w, 0), p, q);
+        let squared = candidate.at.norm_squared();
+        // The first one counts whatever it is.
+        if best_squared == f32::INFINITY || squared < best_squared {
+            (best, best_squared) = (candidate, squared);
         }
-    }
-    best.unwrap_or(Nearest {
-        at: Vec3::ZERO,
-        points: [w, a, b],
-        len: 3,
-    })
+    };
+    face((a, 1), (b, 2), c);
+    face((b, 2), (c, 3), a);
+    face((a, 1), (c, 3), b);
+    best
 }
 
 /// Length of a vector and its unit vector; x for the zero vector.

@@ -118,9 +118,20 @@ pub(crate) struct Cube {
     pub(crate) proximal: Rot3,
     /// Cube axes as carried by the distal half (its flats look along +x, +y, +z).
     pub(crate) distal: Rot3,
+    /// Along the body diagonal about which the halves turn, towards the distal one; not of unit length.
+    diagonal: Vec3,
 }
 
 impl Cube {
+    fn new(centre_m: Vec3, proximal: Rot3, distal: Rot3) -> Self {
+        Cube {
+            centre_m,
+            proximal,
+            distal,
+            diagonal: distal.x + distal.y + distal.z,
+        }
+    }
+
     /// The flat whose cone holds the unit direction `v`, if there is one. It lies on the side of the cut that `v` points to.
     pub(crate) fn active_flat(&self, shape: &FlatShape, v: Vec3) -> Option<ActiveFlat> {
         let proximal = self.proximal_side(v);
@@ -132,8 +143,10 @@ impl Cube {
         for axis in [half.x, half.y, half.z] {
             let cos = sign * axis.dot(v);
             if cos > shape.cos_rim {
-                let cos = cos.min(1.0);
-                let sin_squared = (1.0 - cos * cos).max(0.0);
+                // Comparisons, because a Cortex-M4 has no minimum of floats and calls a function.
+                let cos = if cos > 1.0 { 1.0 } else { cos };
+                let rest = 1.0 - cos * cos;
+                let sin_squared = if rest > 0.0 { rest } else { 0.0 };
                 let sin = sin_squared * math::inverse_sqrt(sin_squared);
                 return Some(ActiveFlat {
                     normal: axis * sign,
@@ -148,8 +161,7 @@ impl Cube {
 
     /// Whether the direction `v` points to the proximal side of the cut; both halves carry the same diagonal.
     pub(crate) fn proximal_side(&self, v: Vec3) -> bool {
-        let distal = &self.distal;
-        (distal.x + distal.y + distal.z).dot(v) < 0.0
+        self.diagonal.dot(v) < 0.0
     }
 }
 
@@ -243,16 +255,8 @@ impl Arms {
         let body5 = self.body4.turned_about_x(q4);
         let body6 = body5.turned_about_diagonal(q5);
         EndCubes {
-            first: Cube {
-                centre_m: self.first_m,
-                proximal: body0,
-                distal: body1,
-            },
-            last: Cube {
-                centre_m: self.last_m,
-                proximal: body5,
-                distal: body6,
-            },
+            first: Cube::new(self.first_m, body0, body1),
+            last: Cube::new(self.last_m, body5, body6),
         }
     }
 }
