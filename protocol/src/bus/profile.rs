@@ -468,7 +468,12 @@ impl ProfileInfo {
         let scaled = i64::from(angle_urad) * i64::from(counts);
         let turn = i64::from(turn_urad.max(1));
         let half = if scaled < 0 { -(turn / 2) } else { turn / 2 };
-        let rounded = i32::try_from(scaled.saturating_add(half).checked_div(turn)?).ok()?;
+        // Our own drivers count in urad. A Cortex-M4 divides 64 bits in software.
+        let rounded = if counts == turn_urad && counts > 0 {
+            angle_urad
+        } else {
+            i32::try_from(scaled.saturating_add(half).checked_div(turn)?).ok()?
+        };
         (min_counts..=max_counts)
             .contains(&rounded)
             .then_some(rounded)
