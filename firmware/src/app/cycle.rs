@@ -427,35 +427,33 @@ impl Core {
         if !wanted(run_rate) && !live {
             return;
         }
-        let mut sample = Sample {
-            cycle: self.run.as_ref().map_or(0, |run| run.cycles),
-            t_us: self.cycle_us,
-            flags: self.out.flags,
-            valid_mask: self.motors.mask(Motor::answered),
-            ..Sample::of(self.motors.joints())
-        };
-        if self
-            .run
-            .as_mut()
-            .is_some_and(|run| core::mem::take(&mut run.new_setpoint))
-        {
+        let run = self.run.as_mut();
+        let (cycle, new_setpoint) = run.map_or((0, false), |run| {
+            (run.cycles, core::mem::take(&mut run.new_setpoint))
+        });
+        // Written where it stays: it is half a kilobyte.
+        let sample = &mut self.live;
+        if sample.motors.len() != usize::from(self.motors.joints()) {
+            *sample = Sample::of(self.motors.joints());
+        }
+        sample.cycle = cycle;
+        sample.t_us = self.cycle_us;
+        sample.flags = self.out.flags;
+        if new_setpoint {
             sample.flags |= flags::NEW_SETPOINT;
         }
+        sample.valid_mask = self.motors.mask(Motor::answered);
         for (place, motor) in sample.motors.iter_mut().zip(self.motors.iter()) {
-            let Some((feedback, at_us)) = motor.reading() else {
-                continue;
-            };
-            let dt_us = u32::try_from(at_us.saturating_sub(self.cycle_us)).unwrap_or(0);
-            *place = MotorSample {
-                dt_us,
+            let reading = motor.reading();
+            *place = reading.map_or(MotorSample::ZERO, |(feedback, at_us)| MotorSample {
+                dt_us: u32::try_from(at_us.saturating_sub(self.cycle_us)).unwrap_or(0),
                 setpoint_urad: motor.setpoint_urad().unwrap_or(0),
                 feedback,
-            };
+            });
         }
         if wanted(run_rate) && self.recording {
-            self.telemetry.push(&sample);
+            self.telemetry.push(&self.live);
         }
-        self.live = sample;
         for session in &mut self.sessions {
             session.live = session.open && wanted(session.rate);
         }

@@ -384,6 +384,9 @@ impl Master {
     }
 
     fn watchdog(&self, info: &ProfileInfo, counts: i32) -> Option<Request> {
+        if self.configure == 0 {
+            return None;
+        }
         let values = ids_of(self.configure).map(|id| (id, counts));
         sync_write(info, info.watchdog.as_ref()?, &collect(values))
     }

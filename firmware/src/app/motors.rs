@@ -218,7 +218,8 @@ impl Motor {
         now_us: u64,
     ) -> bool {
         let speed_rad_s = limits.no_load_speed_rad_s;
-        let dt_s = (now_us - self.last_us).min(1_000_000) as f32 * 1e-6;
+        // At most 32 bits, which the processor converts in hardware.
+        let dt_s = (now_us - self.last_us).min(1_000_000) as u32 as f32 * 1e-6;
         let step_rad = units::rad_from_urad(now.position_urad.saturating_sub(last.position_urad));
         step_rad.abs() > speed_rad_s * SPEED_MARGIN * dt_s + STEP_MARGIN_RAD
     }

@@ -22,6 +22,9 @@ pub(super) fn take_first(mask: &mut u16) -> Option<usize> {
 
 /// Torque on or off for these joints.
 pub(super) fn torque(info: &ProfileInfo, joints: u16, on: i32) -> Option<Request> {
+    if joints == 0 {
+        return None;
+    }
     let values = ids_of(joints).map(|id| (id, on));
     sync_write(info, &info.torque, &collect(values))
 }
