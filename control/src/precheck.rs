@@ -72,21 +72,21 @@ pub struct Blocked {
 /// Certified clearance of a pose (angles in rad, multi-turn allowed). A pose that is not finite has none.
 #[must_use]
 pub fn clearance(model: &RobotModel, q_rad: &[f32; JOINTS]) -> Clearance {
-    clearance_within(model, q_rad, 0.0, f32::INFINITY)
+    clearance_within(model, &FlatShape::of(model), q_rad, 0.0, f32::INFINITY)
 }
 
 /// As [`clearance`], but not refined further once the distance is known to be below `give_up_m` or certified to be at least `enough_m`.
 fn clearance_within(
     model: &RobotModel,
+    shape: &FlatShape,
     q_rad: &[f32; JOINTS],
     give_up_m: f32,
     enough_m: f32,
 ) -> Clearance {
-    let shape = FlatShape::of(model);
     let [_, _, q2, q3, _, _] = *q_rad;
     let arms = Arms::at(model, q2, q3);
     let cubes = arms.end_cubes(q_rad);
-    let found = separation(&shape, &cubes, give_up_m, enough_m);
+    let found = separation(shape, &cubes, give_up_m, enough_m);
     let clearance_m = found.lower_m - ROUNDING_M;
     let finite = q_rad.iter().all(|q| q.is_finite());
     Clearance {
@@ -124,7 +124,8 @@ pub fn swept(
     to_rad: &[f32; JOINTS],
     margin_m: f32,
 ) -> Verdict {
-    Sweep::new(model, from_rad, to_rad, margin_m).run(MAX_POSES_PER_MOVE)
+    let shape = FlatShape::of(model);
+    Sweep::new(model, &shape, from_rad, to_rad, margin_m).run(MAX_POSES_PER_MOVE)
 }
 
 /// A move may start this much nearer than its own first pose when it leaves a pose without margin, m.
@@ -149,23 +150,25 @@ pub fn check_move(
     to_rad: &[f32; JOINTS],
     margins: Margins,
 ) -> Verdict {
-    let verdict = swept(model, from_rad, to_rad, margins.keep_m);
+    let shape = FlatShape::of(model);
+    let sweep = |margin_m| Sweep::new(model, &shape, from_rad, to_rad, margin_m);
+    let verdict = sweep(margins.keep_m).run(MAX_POSES_PER_MOVE);
     let Verdict::Blocked(_) = verdict else {
         return verdict;
     };
     // Which side of a bound a clearance lies on is settled before its value. Beyond the bound by this much rounding cannot bring it back.
     let beyond_m = 2.0 * ROUNDING_M;
     let (enough_m, give_up_m) = (margins.keep_m + beyond_m, margins.escape_m - beyond_m);
-    let from_m = clearance_within(model, from_rad, give_up_m, enough_m).clearance_m;
+    let from_m = clearance_within(model, &shape, from_rad, give_up_m, enough_m).clearance_m;
     if !(from_m < margins.keep_m && from_m >= margins.escape_m) {
         return verdict;
     }
-    let to_m = clearance_within(model, to_rad, from_m - beyond_m, from_m + beyond_m).clearance_m;
-    if to_m < from_m {
+    let (give_up_m, enough_m) = (from_m - beyond_m, from_m + beyond_m);
+    if clearance_within(model, &shape, to_rad, give_up_m, enough_m).clearance_m < from_m {
         return verdict;
     }
     let margin_m = (from_m - ESCAPE_SLACK_M).max(margins.escape_m);
-    Sweep::new(model, from_rad, to_rad, margin_m).run(MAX_POSES_PER_ESCAPE)
+    sweep(margin_m).run(MAX_POSES_PER_ESCAPE)
 }
 
 /// A part of a move still to be certified: centre and half width as fractions of the move.
@@ -185,21 +188,27 @@ enum Part {
 
 struct Sweep<'a> {
     model: &'a RobotModel,
-    shape: FlatShape,
+    shape: &'a FlatShape,
     from: [f32; JOINTS],
     delta: [f32; JOINTS],
     margin_m: f32,
 }
 
 impl<'a> Sweep<'a> {
-    fn new(model: &'a RobotModel, from: &[f32; JOINTS], to: &[f32; JOINTS], margin_m: f32) -> Self {
+    fn new(
+        model: &'a RobotModel,
+        shape: &'a FlatShape,
+        from: &[f32; JOINTS],
+        to: &[f32; JOINTS],
+        margin_m: f32,
+    ) -> Self {
         let mut delta = *to;
         for (d, f) in delta.iter_mut().zip(from) {
             *d -= f;
         }
         Sweep {
             model,
-            shape: FlatShape::of(model),
+            shape,
             from: *from,
             delta,
             margin_m,
@@ -272,7 +281,7 @@ impl<'a> Sweep<'a> {
         let turns = d.iter().fold(0.0f32, |sum, d| sum + d.abs()) * part.half;
         let enough_m =
             self.margin_m + ROUNDING_M + rate.norm() * part.half + bend + self.shape.rim_m * turns;
-        let found = separation(&self.shape, &cubes, self.margin_m, enough_m);
+        let found = separation(self.shape, &cubes, self.margin_m, enough_m);
         let v = found.direction;
         let certified_m = v.dot(span)
             - lost(v)
@@ -300,7 +309,7 @@ impl<'a> Sweep<'a> {
     }
 
     fn first_support_m(&self, cubes: &EndCubes, v: Vec3, half: f32) -> f32 {
-        let flat = cubes.first.active_flat(&self.shape, v);
+        let flat = cubes.first.active_flat(self.shape, v);
         let [d0, d1, d2, _, _, _] = self.delta;
         let own = if flat.as_ref().is_some_and(|f| f.proximal) {
             d0
@@ -308,11 +317,11 @@ impl<'a> Sweep<'a> {
             0.0
         };
         let turn = (d2.abs() + d1.abs() + own.abs()) * half;
-        support_bound_m(&self.shape, flat.as_ref(), turn)
+        support_bound_m(self.shape, flat.as_ref(), turn)
     }
 
     fn last_support_m(&self, cubes: &EndCubes, v: Vec3, half: f32) -> f32 {
-        let flat: Option<ActiveFlat> = cubes.last.active_flat(&self.shape, v);
+        let flat: Option<ActiveFlat> = cubes.last.active_flat(self.shape, v);
         let [_, _, _, d3, d4, d5] = self.delta;
         let own = if flat.as_ref().is_some_and(|f| !f.proximal) {
             d5
@@ -320,6 +329,6 @@ impl<'a> Sweep<'a> {
             0.0
         };
         let turn = (d3.abs() + d4.abs() + own.abs()) * half;
-        support_bound_m(&self.shape, flat.as_ref(), turn)
+        support_bound_m(self.shape, flat.as_ref(), turn)
     }
 }
