@@ -203,6 +203,33 @@ pub fn measure(built: &Built, gait: &Gait) -> Result<BoardTable, TableError> {
     })
 }
 
+/// Most instructions in one tick of a run of 30 s on ideal motors; `None` of a gait that the module refuses.
+///
+/// # Errors
+/// [`TableError`].
+pub fn most(built: &Built, gait: &Gait) -> Result<Option<u64>, TableError> {
+    let path = built.elf.clone();
+    let bytes = std::fs::read(&path).map_err(|source| TableError::File { path, source })?;
+    let config = BoardConfig {
+        regions: vec![Elf::parse(&bytes)?.period(PERIOD.0, PERIOD.1)?],
+        ..built.config()
+    };
+    let mut board = BoardRunner::start(&config, Motors::new(IdealMotors::new(false)))?;
+    let mut host = BoardHost::new(Port::Wire);
+    host.home(&mut board)?;
+    let digest = match host.upload(&mut board, 0, gait) {
+        Ok(digest) => digest,
+        Err(AskError::Rejected(_)) => return Ok(None),
+        Err(error) => return Err(error.into()),
+    };
+    board.restart_counts();
+    host.start(&mut board, 0, digest, RUN_MS)?;
+    host.wait_for_end(&mut board, LIMIT_NS)?
+        .ok_or(TableError::NoEnd)?;
+    let figures = board.finish()?;
+    Ok(figures.regions.first().map(|total| total.max))
+}
+
 fn rows(regions: &[RegionCount]) -> Vec<TickRow> {
     let Some((total, parts)) = regions.split_first() else {
         return Vec::new();
