@@ -28,23 +28,13 @@ pub(super) fn carry_out<H: ModuleHandler>(
             rate,
             countdown_ms,
             ..
-        } => handler
-            .start(&StartOrder {
-                slot: *slot,
-                digest: *digest,
-                duration_ms: *duration_ms,
-                rate: *rate,
-                countdown_ms: *countdown_ms,
-                lease_ms: None,
-            })
-            .map(Into::into),
-        ToModule::StartTethered {
+        }
+        | ToModule::StartTethered {
             slot,
             digest,
             duration_ms,
             rate,
             countdown_ms,
-            lease_ms,
             ..
         } => handler
             .start(&StartOrder {
@@ -53,7 +43,10 @@ pub(super) fn carry_out<H: ModuleHandler>(
                 duration_ms: *duration_ms,
                 rate: *rate,
                 countdown_ms: *countdown_ms,
-                lease_ms: Some(*lease_ms),
+                lease_ms: match message {
+                    ToModule::StartTethered { lease_ms, .. } => Some(*lease_ms),
+                    _ => None,
+                },
             })
             .map(Into::into),
         ToModule::Heartbeat { .. } => handler.heartbeat().map(Into::into),
