@@ -1,6 +1,7 @@
 //! The body tier: pose of the base in short windows, joints led along the measured angles.
 
 mod contacts;
+mod target;
 
 use std::sync::Arc;
 
@@ -15,6 +16,7 @@ use super::windows::{self, LinkMap, PERIOD_S, Window};
 use super::{inertial, nominal, turn};
 use crate::math;
 pub(super) use contacts::Grip;
+use target::{Target, floor, numbers, sample_index, simulated, spread_by};
 
 /// Coordinates of the body; those of the joints follow, four per joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,13 +92,6 @@ pub(super) const SOFTER: [f64; 4] = [0.0, 3e-4, 1e-3, 3e-3];
 /// Windows whose end moves by more than this under a disturbed start are left out, m: they are about to tip.
 const CHAOTIC_M: f64 = 0.02;
 
-/// Measured pose change and tolerance at one instant of a window: position then rotation vector.
-#[derive(Debug, Clone, Copy)]
-struct Target {
-    pose: ([f64; 3], [f64; 4]),
-    tolerance: [f64; 6],
-}
-
 /// Covariance of the numbers of a window without the floor, and the way to each instant, m.
 type Spread = (Vec<f64>, [f64; SAMPLES]);
 
@@ -137,24 +132,6 @@ pub(super) struct Tier {
     pub(super) slope: Option<[f64; 2]>,
     /// Windows left out because they tip.
     pub(super) chaotic: usize,
-}
-
-/// Floor of number `k` of a pose after a way of `way_m`.
-fn floor(floor: &[f64; 3], k: usize, way_m: f64) -> f64 {
-    if k < 3 {
-        floor[0] + floor[1] * way_m
-    } else {
-        floor[2]
-    }
-}
-
-fn sample_index(i: usize) -> usize {
-    ((i + 1) as f64 * WINDOW_S / SAMPLES as f64 / PERIOD_S).round() as usize
-}
-
-fn simulated(o: &Outcome, i: usize) -> Option<([f64; 3], [f64; 4])> {
-    let p = o.poses.get(sample_index(i)).or(o.poses.last())?;
-    Some((p.position_m.map(f64::from), p.quaternion.map(f64::from)))
 }
 
 impl Tier {
@@ -562,26 +539,6 @@ fn tilted(roll_rad: f64, pitch_rad: f64) -> [f64; 3] {
     let (sp, cp) = libm::sincos(pitch_rad);
     let g = physics::GRAVITY_M_S2;
     [g * sp, -g * cp * sr, -g * cp * cr]
-}
-
-/// Adds the covariance of numbers that are off by `column` to `covariance`, one standard deviation.
-fn spread_by(covariance: &mut [f64], column: &[f64]) {
-    for (row, a) in covariance.chunks_mut(NUMBERS).zip(column) {
-        row.iter_mut()
-            .zip(column)
-            .for_each(|(own, b)| *own += a * b);
-    }
-}
-
-/// Poses of `o` less those of `from` at the instants compared.
-fn numbers(from: &Outcome, o: &Outcome) -> Option<Vec<f64>> {
-    let mut out = Vec::with_capacity(NUMBERS);
-    for i in 0..SAMPLES {
-        let ((p, q), (pd, qd)) = (simulated(from, i)?, simulated(o, i)?);
-        out.extend((0..3).map(|k| pd[k] - p[k]));
-        out.extend(turn::between(q, qd));
-    }
-    out.iter().all(|x| x.is_finite()).then_some(out)
 }
 
 /// Mean square of a window's errors above which it counts by its logarithm alone: a body that rests on an edge falls to either side.
