@@ -1,11 +1,13 @@
 //! A whole search and a whole fit, in small: the same bits on every instruction set, lane width and thread count, cut or whole.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod common;
+
+use common::camera;
 use control::robot::RobotModel;
 use files::model::Model;
 use optimise::meta::{
-    FilmMaker, FilmSettings, FilmedGait, Fit, FrameTimes, Likeness, MotionJob, MotionTrials,
-    Placement, rows_of,
+    FilmedGait, Fit, FrameTimes, Likeness, MotionJob, MotionTrials, Placement, rows_of,
 };
 use optimise::score::ScoreSettings;
 use optimise::search::Search;
@@ -100,20 +102,6 @@ fn a_search_cut_and_resumed_on_another_level_has_the_same_bits() {
     }
 }
 
-fn camera() -> FilmMaker {
-    let settings = FilmSettings {
-        rate_hz: 30.0,
-        x_m: 0.0,
-        y_m: 0.0,
-        yaw_rad: 0.0,
-        width_px: 160,
-        height_px: 120,
-        focal_px: 145.0,
-        stride: 10,
-    };
-    FilmMaker::new(settings, &RobotModel::default())
-}
-
 fn motions(level: Level) -> SimulatedMotions {
     let duration_s = f64::from(DURATION_S) + 1.0;
     SimulatedMotions::new(&Model::hand_tuned(), RobotModel::default(), duration_s).at(level)
@@ -136,14 +124,14 @@ fn filmed(level: Level) -> FilmedGait {
     };
     let motion = motions(level).run(&[job]).remove(0).unwrap();
     let frames = (DURATION_S * 30.0) as usize;
-    let film = camera()
+    let film = camera(10)
         .film(&motion.bodies, 30.0, &rows, frames, 1, Placement::default())
         .unwrap();
     FilmedGait::new(gait, vec![film.clone(), film], None, 0.05, true).unwrap()
 }
 
 fn fit_on(fit: Option<Fit>, gaits: &[FilmedGait], level: Level, iterations: u32) -> Fit {
-    let likeness = Likeness::new(gaits, camera()).unwrap();
+    let likeness = Likeness::new(gaits, camera(10)).unwrap();
     let start = rows_of(&Model::hand_tuned());
     let mut fit = fit.unwrap_or_else(|| Fit::start(&[3, 13, 21, 22], &start, 5, SEED).unwrap());
     (0..iterations).for_each(|_| assert!(fit.iterate(&likeness, &motions(level)).unwrap()));

@@ -1,14 +1,17 @@
 //! The fit of Table II on a motion with known parameters.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
-use camera::Silhouette;
+mod common;
+
+use ::camera::Silhouette;
+use common::camera;
 use control::gait::Gait;
 use control::linalg::{Pose, Rot3, Vec3};
 use control::robot::{BODIES, RobotModel};
 use files::model::Model;
 use optimise::meta::{
-    FilmMaker, FilmSettings, FilmedGait, Fit, Likeness, MetaError, Motion, MotionJob, MotionTrials,
-    Placement, TableIii, rows_of,
+    FilmedGait, Fit, Likeness, MetaError, Motion, MotionJob, MotionTrials, Placement, TableIii,
+    rows_of,
 };
 use optimise::space::GaitSpace;
 use optimise::table2::ROWS;
@@ -48,23 +51,6 @@ fn drift(parameters: &[f64; ROWS]) -> Option<Vec<[Pose; BODIES]>> {
     Some(frames.collect())
 }
 
-fn settings() -> FilmSettings {
-    FilmSettings {
-        rate_hz: 30.0,
-        x_m: 0.0,
-        y_m: 0.0,
-        yaw_rad: 0.0,
-        width_px: 160,
-        height_px: 120,
-        focal_px: 145.0,
-        stride: 15,
-    }
-}
-
-fn maker() -> FilmMaker {
-    FilmMaker::new(settings(), &RobotModel::default())
-}
-
 fn gait() -> Gait {
     GaitSpace::default().gait(&[0.1; 17], "any").unwrap()
 }
@@ -76,7 +62,7 @@ fn truth() -> [f64; ROWS] {
 }
 
 fn filmed(training: bool) -> FilmedGait {
-    let film = maker()
+    let film = camera(15)
         .film(
             &drift(&truth()).unwrap(),
             30.0,
@@ -92,7 +78,7 @@ fn filmed(training: bool) -> FilmedGait {
 #[test]
 fn a_fit_of_four_rows_recovers_what_was_filmed() {
     let gaits = [filmed(true), filmed(false)];
-    let likeness = Likeness::new(&gaits, maker()).unwrap();
+    let likeness = Likeness::new(&gaits, camera(15)).unwrap();
     let mut fit = Fit::start(&[3, 15, 21, 22], &rows_of(&Model::hand_tuned()), 24, 5).unwrap();
     let before = TableIii::new(&gaits, &likeness.ratios(&fit.best(), &Drift).unwrap());
     for _ in 0..25 {
@@ -127,7 +113,7 @@ fn wrong_rows_and_missing_training_are_refused() {
     }
     let gaits = [filmed(false)];
     assert!(matches!(
-        Likeness::new(&gaits, maker()),
+        Likeness::new(&gaits, camera(15)),
         Err(MetaError::NoTraining)
     ));
 }
@@ -159,14 +145,14 @@ fn a_motion_is_laid_onto_the_measured_start() {
         .iter()
         .map(|bodies| bodies.map(|body| turned.compose(&body)))
         .collect();
-    let film = maker()
+    let film = camera(15)
         .film(&moved, 30.0, &truth(), 300, 1, Placement::default())
         .unwrap();
     let films = vec![film.clone(), film];
     let placed = FilmedGait::new(gait(), films.clone(), Some(moved[0][3]), 0.05, true).unwrap();
     let lost = FilmedGait::new(gait(), films, None, 0.05, true).unwrap();
     let gaits = [placed, lost];
-    let likeness = Likeness::new(&gaits, maker()).unwrap();
+    let likeness = Likeness::new(&gaits, camera(15)).unwrap();
     let ratios = likeness.ratios(&truth(), &Drift).unwrap();
     // A pixel at the rim may fall to the other side by rounding.
     assert!(ratios[0] > 0.99 && ratios[1] < 0.5, "{ratios:?}");
@@ -196,7 +182,7 @@ fn a_gait_with_no_frame_of_both_robots_counts_zero() {
     for (lost, share) in [(apart, 1.0), (glimpsed, 1.0 / 300.0)] {
         assert!((lost.share_seen() - share).abs() < 1e-9);
         let gaits = [lost, seen.clone()];
-        let likeness = Likeness::new(&gaits, maker()).unwrap();
+        let likeness = Likeness::new(&gaits, camera(15)).unwrap();
         assert_eq!(likeness.ratios(&truth(), &Drift).unwrap(), [0.0, 1.0]);
         let mut fit = Fit::start(&[3], &truth(), 2, 1).unwrap();
         fit.iterate(&likeness, &Drift).unwrap();

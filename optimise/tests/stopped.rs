@@ -1,13 +1,15 @@
 //! A search that is asked to stop leaves the rest of its iteration, and stays as it was.
 #![allow(clippy::unwrap_used, reason = "a failed unwrap is a failed test")]
 
+mod common;
+
+use common::camera;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use control::robot::RobotModel;
 use files::model::Model;
 use optimise::meta::{
-    FilmMaker, FilmSettings, FilmedGait, Fit, FrameTimes, Likeness, MotionJob, MotionTrials,
-    Placement, rows_of,
+    FilmedGait, Fit, FrameTimes, Likeness, MotionJob, MotionTrials, Placement, rows_of,
 };
 use optimise::score::ScoreSettings;
 use optimise::search::{GaitTrials, Search};
@@ -57,20 +59,6 @@ fn a_gait_search_asks_before_every_group_and_drops_the_iteration() {
     assert_eq!(search, whole);
 }
 
-fn maker() -> FilmMaker {
-    let settings = FilmSettings {
-        rate_hz: 30.0,
-        x_m: 0.0,
-        y_m: 0.0,
-        yaw_rad: 0.0,
-        width_px: 160,
-        height_px: 120,
-        focal_px: 145.0,
-        stride: 10,
-    };
-    FilmMaker::new(settings, &RobotModel::default())
-}
-
 fn motions() -> SimulatedMotions {
     let duration_s = f64::from(DURATION_S) + 1.0;
     SimulatedMotions::new(&Model::hand_tuned(), RobotModel::default(), duration_s)
@@ -92,10 +80,10 @@ fn a_fit_asks_before_every_group_and_every_film_and_drops_the_iteration() {
     };
     let motion = motions().run(&[job]).remove(0).unwrap();
     let frames = (DURATION_S * 30.0) as usize;
-    let film = maker().film(&motion.bodies, 30.0, &rows, frames, 1, Placement::default());
+    let film = camera(10).film(&motion.bodies, 30.0, &rows, frames, 1, Placement::default());
     let film = film.unwrap();
     let gaits = [FilmedGait::new(gait, vec![film.clone(), film], None, 0.05, true).unwrap()];
-    let likeness = Likeness::new(&gaits, maker()).unwrap();
+    let likeness = Likeness::new(&gaits, camera(10)).unwrap();
     let start = rows_of(&Model::hand_tuned());
     let mut fit = Fit::start(&[3, 13, 21, 22], &start, PARTICLES, 5).unwrap();
     assert!(fit.iterate(&likeness, &motions()).unwrap());
