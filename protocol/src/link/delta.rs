@@ -7,18 +7,17 @@
 //! nearer of late. Set-points, which are smooth, follow the polynomial through their last four values, the tick the module's clock. The
 //! applied set-point keeps its distance to the set-point; everything else stays. In the first sample of a block each motor is coded against the one before it, its position against its set-point.
 
+mod bits;
+
 use super::telemetry::{MotorSample, Sample};
 use super::{JOINTS, MAX_JOINTS};
 use crate::bus::PackedFeedback;
+use bits::{Bits, ESCAPE, PLAIN_BITS, Reader, Writer};
 
 /// Numbers of a motor, in the order of `MotorHistory::residuals`.
 const FIELDS: usize = 12;
 /// Numbers of a sample besides the motors: cycle, time, flags, mask.
 const HEAD: usize = 4;
-
-/// Ones that announce a number written plainly, in 32 bits: no number costs more than 44 bits.
-const ESCAPE: u32 = 12;
-const PLAIN_BITS: u32 = 32;
 
 /// Largest code of one sample in bytes.
 pub(super) const MAX_SAMPLE: usize =
@@ -90,25 +89,6 @@ struct MotorHistory {
     /// How many of them there are.
     known_steps: u8,
     rice: [Rice; FIELDS],
-}
-
-/// Where bits go to or come from; the same walk over a sample serves both.
-trait Bits {
-    /// Writes `code`, or reads one and returns it.
-    fn bits(&mut self, code: u32, width: u32) -> Option<u32>;
-
-    /// As many ones as `count` says and a zero, or [`ESCAPE`] ones; returns how many.
-    fn ones(&mut self, count: u32) -> Option<u32>;
-
-    /// The Golomb-Rice code with parameter `k`, or [`ESCAPE`] ones and the number itself.
-    fn rice(&mut self, code: u32, k: u32) -> Option<u32> {
-        let ones = self.ones(code >> k)?;
-        if ones == ESCAPE {
-            return self.bits(code, PLAIN_BITS);
-        }
-        let low = self.bits(code & ((1 << k) - 1), k)?;
-        Some(ones << k | low)
-    }
 }
 
 /// Adaptive Golomb-Rice parameter: four times the mean of the last codes.
@@ -534,113 +514,6 @@ fn short(value: i32) -> Option<i16> {
 
 fn byte(value: i32) -> Option<u8> {
     u8::try_from(value).ok()
-}
-
-struct Writer<'a> {
-    out: &'a mut [u8; MAX_SAMPLE],
-    /// Whole bytes written.
-    len: usize,
-    /// Bits that wait for their word to be full, lowest first, and how many there are: fewer than 32.
-    word: u32,
-    waiting: u32,
-}
-
-impl<'a> Writer<'a> {
-    fn new(out: &'a mut [u8; MAX_SAMPLE]) -> Self {
-        Self {
-            out,
-            len: 0,
-            word: 0,
-            waiting: 0,
-        }
-    }
-
-    /// Writes the first bytes of `word`.
-    fn store(&mut self, bytes: usize) -> Option<()> {
-        let end = self.len.saturating_add(bytes);
-        // MAX_SAMPLE is the sum of all maxima of six motors: only more of them find no place.
-        let places = self.out.get_mut(self.len..end)?;
-        for (place, byte) in places.iter_mut().zip(self.word.to_le_bytes()) {
-            *place = byte;
-        }
-        self.len = end;
-        Some(())
-    }
-
-    /// Writes what waits, its last byte filled up with zeros; returns how many bytes there are.
-    fn finish(mut self) -> Option<usize> {
-        self.store(self.waiting.div_ceil(8) as usize)?;
-        Some(self.len)
-    }
-}
-
-impl Bits for Writer<'_> {
-    fn bits(&mut self, code: u32, width: u32) -> Option<u32> {
-        // At most 32.
-        let code = code & u32::MAX.checked_shr(u32::BITS - width).unwrap_or(0);
-        self.word |= code << self.waiting;
-        let waiting = self.waiting + width;
-        if waiting >= u32::BITS {
-            self.store(4)?;
-            // What found no place: nothing when the word was just filled.
-            self.word = code.checked_shr(u32::BITS - self.waiting).unwrap_or(0);
-            self.waiting = waiting - u32::BITS;
-        } else {
-            self.waiting = waiting;
-        }
-        Some(code)
-    }
-
-    fn ones(&mut self, count: u32) -> Option<u32> {
-        let ones = count.min(ESCAPE);
-        self.bits((1 << ones) - 1, ones + u32::from(ones < ESCAPE))?;
-        Some(ones)
-    }
-
-    fn rice(&mut self, code: u32, k: u32) -> Option<u32> {
-        let ones = (code >> k).min(ESCAPE);
-        let width = ones + 1 + k;
-        if ones == ESCAPE || width > u32::BITS {
-            self.ones(ones)?;
-            let (rest, width) = if ones == ESCAPE {
-                (code, PLAIN_BITS)
-            } else {
-                (code, k)
-            };
-            self.bits(rest, width)?;
-        } else {
-            // All of it at once: the ones, a zero, the low bits. A shift by 32 has no low bits to bring.
-            let low = (code & ((1 << k) - 1)).checked_shl(ones + 1).unwrap_or(0);
-            self.bits(low | ((1 << ones) - 1), width)?;
-        }
-        Some(code)
-    }
-}
-
-struct Reader<'a> {
-    bytes: &'a [u8],
-    /// Bits.
-    at: usize,
-}
-
-impl Bits for Reader<'_> {
-    fn bits(&mut self, _code: u32, width: u32) -> Option<u32> {
-        let mut code = 0;
-        for bit in 0..width {
-            let byte = self.bytes.get(self.at >> 3)?;
-            code |= u32::from(byte >> (self.at & 7) & 1) << bit;
-            self.at = self.at.saturating_add(1);
-        }
-        Some(code)
-    }
-
-    fn ones(&mut self, _count: u32) -> Option<u32> {
-        let mut ones = 0;
-        while ones < ESCAPE && self.bits(0, 1)? == 1 {
-            ones += 1;
-        }
-        Some(ones)
-    }
 }
 
 fn zigzag(value: i32) -> u32 {
