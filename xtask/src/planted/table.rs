@@ -94,8 +94,8 @@ pub(crate) const PLANTED: &[Planted] = &[
         kind: "wrong unit",
         what: "milliseconds for microseconds in the jump test",
         file: "firmware/src/app/motors.rs",
-        find: ".min(1_000_000) as f32 * 1e-6",
-        put: ".min(1_000_000) as f32 * 1e-3",
+        find: ".min(1_000_000) as u32 as f32 * 1e-6",
+        put: ".min(1_000_000) as u32 as f32 * 1e-3",
         test: ("hil-sim", "robot"),
     },
     Planted {
