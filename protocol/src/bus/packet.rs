@@ -357,7 +357,9 @@ impl Parser {
     pub fn extend(&mut self, bytes: &[u8]) {
         let end = self.end.saturating_add(bytes.len());
         if let Some(places) = self.bytes.get_mut(self.end..end) {
-            places.copy_from_slice(bytes);
+            for (place, byte) in places.iter_mut().zip(bytes) {
+                *place = *byte;
+            }
             self.end = end;
         } else {
             // Near the end of the buffer: `push` moves what is there.
