@@ -313,45 +313,44 @@ pub fn name_causes(
     Ok(found.rows(calibration))
 }
 
-/// Blocks of a robot without a cause around its nominal model, each with its share of model error: what
-/// [`Spreads::learned`] learns from.
+/// Blocks of a robot without a cause around its nominal model: what [`Spreads::learned`] learns from.
 ///
 /// # Errors
 /// As [`diagnose`].
-pub fn null_blocks(set: DataSet<'_>) -> Result<Vec<(White, f64)>, WholeError> {
+pub fn null_blocks(set: DataSet<'_>) -> Result<Vec<White>, WholeError> {
     let settings = (&[][..], f64::INFINITY, &Spreads::default());
     asked(set, settings, |asked, tier| asked.nominal_blocks(tier))
 }
 
 /// What robots without a cause, each by its [`null_blocks`], differ by, and how strong a cause they seem to have. The
-/// strongest evidence of each robot is that under what the other half of the robots differ by.
+/// strongest evidence of each robot is that under what robots of the other folds differ by.
 ///
 /// # Errors
 /// Too few robots.
 pub fn calibrated(
-    robots: &[Vec<(White, f64)>],
+    robots: &[Vec<White>],
     command: &str,
     source: &str,
 ) -> Result<Calibration, CalibrationError> {
-    let halves = [0, 1].map(|half| {
-        let own = |(i, r): (usize, &Vec<(White, f64)>)| (i % 2 != half).then(|| r.clone());
-        Spreads::learned(
-            &robots
-                .iter()
-                .enumerate()
-                .filter_map(own)
-                .collect::<Vec<_>>(),
-        )
-    });
+    let folds: Vec<Spreads> = (0..FOLDS)
+        .map(|fold| {
+            let others = robots.iter().enumerate().filter(|(i, _)| i % FOLDS != fold);
+            let others: Vec<Vec<White>> = others.map(|(_, r)| r.clone()).collect();
+            Spreads::learned(&others)
+        })
+        .collect();
     let strongest = robots
         .par_iter()
         .enumerate()
-        .map(|(i, r)| causes::strongest(r, &halves[i % 2]))
+        .map(|(i, r)| causes::strongest(r, &folds[i % FOLDS]))
         .collect();
     let mut out = Calibration::new(strongest, command, source)?;
     out.spreads = Spreads::learned(robots);
     Ok(out)
 }
+
+/// Folds of the cross-validation of [`calibrated`].
+const FOLDS: usize = 5;
 
 /// Phases of a diagnosis of a robot, in order.
 pub const PHASES: [&str; 7] = [

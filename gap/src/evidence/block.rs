@@ -11,6 +11,8 @@ pub struct Site {
     pub stage: Stage,
     /// Joint; `None` for what the robot has once.
     pub joint: Option<usize>,
+    /// The loads in it are guesses, because no pose of the base was recorded.
+    pub blind: bool,
 }
 
 /// What a column stands for.
@@ -438,6 +440,7 @@ mod tests {
         let site = Site {
             stage: Stage::Driver,
             joint: None,
+            blind: false,
         };
         let columns = vec![column(1e6), column(0.0)];
         let block = White::whitened(site, columns, &[segment], [1.0, 1.0]).plain();

@@ -260,10 +260,7 @@ pub fn shared_slack(blocks: &[Block], spreads: &Spreads) -> Vec<Cause> {
 
 /// Whether a shape that is open, or an effect of one joint by its nature, cannot be shared.
 fn alone(effect: Option<Effect>) -> bool {
-    matches!(
-        effect,
-        None | Some(Effect::TorqueRipple | Effect::JointOrder)
-    )
+    matches!(effect, None | Some(Effect::JointOrder))
 }
 
 /// Every cause that `blocks` can show, in the `groups` of joints that may share one.

@@ -387,6 +387,7 @@ mod tests {
         let site = Site {
             stage: Stage::Drivetrain,
             joint: Some(k),
+            blind: false,
         };
         let columns = vec![
             Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 1.0).at_least_neutral(),

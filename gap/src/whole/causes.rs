@@ -28,12 +28,6 @@ pub use rows::{Alternative, Causes, Probabilities, Row, Value, Word};
 
 /// Order of the autoregression that whitens: 0.12 s of angles, 0.24 s of torques.
 const ORDER: usize = 6;
-/// Model error in any one direction as a share of the noise: of angles, torques, and the base and its films. Robots played in
-/// MuJoCo were looked at when they were chosen (development seed 1); what robots without a cause show with them stands
-/// in the calibration.
-const MODEL_ERROR: [f64; 3] = [0.12, 0.03, 0.03];
-/// The same of torques where no base pose was recorded: the loads are then guesses.
-const UNTRACKED: f64 = 0.3;
 /// What the loads of all joints together may be off by, as a share of them (contacts of other makes: 0.07 to 0.12).
 const MASS: f64 = 0.12;
 /// A motor at its limit: quantile of the torque that counts as the top, and the level below it down to which a limit is
@@ -184,6 +178,7 @@ impl Asked<'_> {
             .with_shared_slack("mass", if tracked { MASS } else { 1.0 });
         let known = torque::Known {
             damping_nm_s: servo.damping_nm_s_rad,
+            blind: !tracked,
             body: std::iter::once(mass)
                 .chain(loads.body.iter().map(|b| b.0.clone()))
                 .collect(),
@@ -270,20 +265,8 @@ impl Asked<'_> {
         out
     }
 
-    /// Share of a block's noise that may be model error in any one direction.
-    fn model_error(&self, block: &White) -> f64 {
-        match block.site.stage {
-            _ if block.columns.len() == 1 => 0.0,
-            Stage::Driver => MODEL_ERROR[0],
-            Stage::Transmission => MODEL_ERROR[1],
-            Stage::Body | Stage::Camera => MODEL_ERROR[2],
-            _ if self.data.runs.iter().any(|r| r.base.is_some()) => MODEL_ERROR[1],
-            _ => UNTRACKED,
-        }
-    }
-
-    /// The blocks of a robot around its nominal model, each with its share of model error.
-    pub(super) fn nominal_blocks(&self, tier: Option<&mut body::Tier>) -> Vec<(White, f64)> {
+    /// The blocks of a robot around its nominal model.
+    pub(super) fn nominal_blocks(&self, tier: Option<&mut body::Tier>) -> Vec<White> {
         let neutral: Vec<f64> = super::body_library::coordinates(self.model)
             .iter()
             .map(|c| c.neutral)
@@ -291,12 +274,7 @@ impl Asked<'_> {
         let moves = body_block::moves(self.model, tier.as_ref().is_some_and(|t| t.link_measured));
         let starts = Starts::default();
         let (loads, body) = self.world(tier, &moves, &neutral, &starts);
-        let whites = self.blocks(&loads, body, &starts.joints);
-        let one = |w: White| {
-            let share = self.model_error(&w);
-            (w, share)
-        };
-        whites.into_iter().map(one).collect()
+        self.blocks(&loads, body, &starts.joints)
     }
 
     /// Loads of the joints and block of the base around `starts`.
@@ -353,11 +331,8 @@ pub(super) struct Explained {
 }
 
 /// Evidence of the strongest cause that the `blocks` of a robot show.
-pub(super) fn strongest(blocks: &[(White, f64)], spreads: &Spreads) -> f64 {
-    let blocks: Vec<Block> = blocks
-        .iter()
-        .map(|(w, share)| spreads.taken_from(w, *share))
-        .collect();
+pub(super) fn strongest(blocks: &[White], spreads: &Spreads) -> f64 {
+    let blocks: Vec<Block> = blocks.iter().map(|w| spreads.taken_from(w)).collect();
     let all = causes(&blocks, &groups(), &[]);
     let problem = Problem {
         blocks: &blocks,
@@ -388,10 +363,7 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Expla
             break;
         };
         let whites = asked.blocks(loads, body.clone(), &starts.joints);
-        let blocks: Vec<Block> = whites
-            .iter()
-            .map(|w| asked.spreads.taken_from(w, asked.model_error(w)))
-            .collect();
+        let blocks: Vec<Block> = whites.iter().map(|w| asked.spreads.taken_from(w)).collect();
         let all = causes(&blocks, &groups(), asked.withhold);
         let always = shared_slack(&blocks, asked.spreads);
         let problem = Problem {

@@ -263,6 +263,7 @@ pub(in crate::whole) fn block(
     let site = Site {
         stage: Stage::Body,
         joint: None,
+        blind: false,
     };
     let columns = moves.iter().map(|m| m.column.clone()).collect();
     White::whitened(site, columns, &[segment], [1.0, before])

@@ -151,6 +151,7 @@ pub(in crate::whole) fn block(tier: &Tier, coordinates: &[Coordinate]) -> White 
     let site = Site {
         stage: Stage::Camera,
         joint: None,
+        blind: false,
     };
     let segment = Segment {
         weight: vec![1.0; y.len()],

@@ -226,6 +226,7 @@ pub(in crate::whole) fn raw(
         site: Site {
             stage: Stage::Driver,
             joint: Some(joint),
+            blind: false,
         },
         columns,
         segments,

@@ -46,6 +46,8 @@ pub(in crate::whole) struct Input<'a> {
 pub(in crate::whole) struct Known {
     /// Damping of the nominal joint, N m s/rad.
     pub(in crate::whole) damping_nm_s: f64,
+    /// No pose of the base was recorded.
+    pub(in crate::whole) blind: bool,
     /// Parameters of the body behind [`Input::body_nm`].
     pub(in crate::whole) body: Vec<Column>,
 }
@@ -317,6 +319,7 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
         site: Site {
             stage: Stage::Drivetrain,
             joint: Some(joint),
+            blind: known.blind,
         },
         columns,
         segments,

@@ -108,6 +108,7 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>]) -> Option<Raw> {
         site: Site {
             stage: Stage::Transmission,
             joint: Some(joint),
+            blind: false,
         },
         columns,
         segments,

@@ -185,7 +185,7 @@ struct Healthy {
     /// Evidence of the strongest cause of a joint, and what the best set leaves.
     joints: Vec<[f64; 2]>,
     /// Blocks of a robot.
-    robots: Vec<Vec<(White, f64)>>,
+    robots: Vec<Vec<White>>,
 }
 
 impl Healthy {
