@@ -19,6 +19,10 @@ const TABLES: &[(&str, &str)] = &[
         "run --release -q -p hil-sim --example board_table",
     ),
     (
+        "Firmware image in QEMU: most instructions per tick, shipped and random gaits",
+        "run --release -q -p hil-sim --example board_worst",
+    ),
+    (
         "Instructions of the law: shipped and random gaits",
         "xtask tick",
     ),
