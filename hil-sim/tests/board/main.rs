@@ -6,3 +6,4 @@ mod common;
 mod faults;
 mod serve;
 mod set_points;
+mod ticks;
