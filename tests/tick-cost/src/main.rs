@@ -3,9 +3,10 @@
 #![no_main]
 
 mod board;
+mod draw;
 
 use board::{Console, INSTRUCTIONS_PER_TICK, cost};
-use control::gait::{Gait, Link, Oscillator, RawGait, chain};
+use control::gait::{Gait, Link, Oscillator, RawGait};
 use control::machine::Angles;
 use control::motion::{MotionParams, Planner};
 use control::precheck::{self, MARGIN_M, Margins};
@@ -13,20 +14,8 @@ use control::robot::{JOINTS, RobotModel};
 use control::supervisor::Motion;
 use control::{CYCLE_S, cpg};
 use core::fmt::Write;
+use draw::{Rng, gait, random};
 use protocol::link::{KEY_LEN, Key, NONCE_LEN, Nonce, TAG_LEN};
-
-/// Knuth's linear congruential generator (MMIX), the upper bits.
-struct Rng(u64);
-
-impl Rng {
-    fn between(&mut self, low: f32, high: f32) -> f32 {
-        self.0 = self
-            .0
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
-        low + (high - low) * ((self.0 >> 40) as f32 / 16_777_216.0)
-    }
-}
 
 /// Mean and maximum.
 #[derive(Default)]
@@ -51,27 +40,6 @@ fn print(label: &str, tally: &Tally) {
         "{label:<44} mean {mean:>7}  max {:>7}  ({} times)",
         tally.max, tally.count
     );
-}
-
-fn gait(amplitudes_deg: [f32; 6], offsets_deg: [f32; 6], lags_deg: [f32; 5]) -> Option<Gait> {
-    let mut raw = RawGait {
-        frequency_hz: 0.2,
-        rate_a_per_s: 2.0,
-        duration_s: 30.0,
-        ..RawGait::default()
-    };
-    let _ = raw.name.push_str("cost");
-    for (r, x) in amplitudes_deg.into_iter().zip(offsets_deg) {
-        let [amplitude_rad, offset_rad] = [r, x].map(f32::to_radians);
-        let _ = raw.oscillators.push(Oscillator {
-            amplitude_rad,
-            offset_rad,
-            initial_phase_rad: 0.0,
-        });
-    }
-    raw.links = chain(0.5, &lags_deg.map(f32::to_radians));
-    raw.lock_phases();
-    Gait::try_from(raw).ok()
 }
 
 /// A gait of the folder `gaits`, numbers by their bits.
@@ -110,25 +78,6 @@ impl Shipped {
             });
         }
         Gait::try_from(raw).ok()
-    }
-}
-
-/// A gait drawn from all that the joints can follow.
-/// A folded one swings about a pose in which the robot nearly meets itself.
-fn random(rng: &mut Rng, folded: bool) -> Gait {
-    let model = RobotModel::default();
-    loop {
-        let amplitudes = [0.0; 6].map(|_: f32| rng.between(0.0, 120.0));
-        let mut offsets = [0.0; 6].map(|_: f32| rng.between(-120.0, 120.0));
-        if folded {
-            offsets = [0.0, 0.0, -90.0, -90.0, 0.0, 0.0].map(|x| x + rng.between(-20.0, 20.0));
-        }
-        let lags = [0.0; 5].map(|_: f32| rng.between(-180.0, 180.0));
-        if let Some(gait) = gait(amplitudes, offsets, lags)
-            && gait.check_speed(model.joints()).is_ok()
-        {
-            return gait;
-        }
     }
 }
 
