@@ -10,7 +10,7 @@ pub const LEVEL: f64 = 0.01;
 /// What searches of robots without a cause found: the null distribution of the strongest evidence.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
-    /// Always `rb.calibration/1`.
+    /// Always `rb.calibration/2`.
     pub schema: String,
     /// How the file was made.
     pub command: String,
@@ -41,7 +41,7 @@ pub enum CalibrationError {
     Few(usize),
 }
 
-const SCHEMA: &str = "rb.calibration/1";
+const SCHEMA: &str = "rb.calibration/2";
 /// Fewest robots whose strongest evidence says anything: with 19 a cause at least has p = 0.05.
 const LEAST: usize = 19;
 
@@ -204,7 +204,13 @@ mod tests {
             Calibration::parse(other),
             Err(CalibrationError::Schema(_))
         ));
-        let few = r#"{"schema":"rb.calibration/1","command":"","source":"","strongest":[1.0]}"#;
+        // Evidence of that version was computed under other model errors.
+        let old = r#"{"schema":"rb.calibration/1","command":"","source":"","strongest":[1.0]}"#;
+        assert!(matches!(
+            Calibration::parse(old),
+            Err(CalibrationError::Schema(_))
+        ));
+        let few = r#"{"schema":"rb.calibration/2","command":"","source":"","strongest":[1.0]}"#;
         assert!(matches!(
             Calibration::parse(few),
             Err(CalibrationError::Few(1))

@@ -20,7 +20,8 @@ const START: f64 = 0.3;
 /// Share of a column's size below which its spread is nothing.
 const NOTHING: f64 = 1e-3;
 
-/// Model error that the search starts from, as a share of the noise.
+/// Model error that the search starts from, and that of a kind of block that no robot of the calibration had, as a share
+/// of the noise.
 const FIRST_ERROR: f64 = 0.03;
 /// The least model error of a servo, whose limits bend what is computed around one point. Chosen with robots of MuJoCo in
 /// view (development seed 1); without it the strongest of 190 nulls rises from 27 to 579.
