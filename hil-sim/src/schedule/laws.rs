@@ -123,7 +123,7 @@ pub(crate) struct Laws {
     /// Since when nobody may have torque, unless an order says so, us.
     lapsed_us: u64,
     /// Until when bus, task or drivers were disturbed, us.
-    pub(crate) disturbed_us: u64,
+    disturbed_us: u64,
     slots: [Slot; 8],
     last_end: Option<(u32, RunEnd)>,
     /// When each driver restarted, us.
@@ -215,7 +215,12 @@ impl Laws {
         self.torque_asked = false;
         self.goals = [None; JOINTS];
         self.lapsed_us = at_us;
-        self.disturbed_us = self.disturbed_us.max(at_us);
+        self.disturb(at_us);
+    }
+
+    /// Bus, task or drivers are disturbed until then; no disturbance ends another.
+    pub(crate) fn disturb(&mut self, until_us: u64) {
+        self.disturbed_us = self.disturbed_us.max(until_us);
     }
 
     /// The STOP input is released. It was seen if it was down for a cycle: then no earlier order counts any more.

@@ -33,6 +33,10 @@ const TAIL_US: u64 = 3_400_000;
 const BACK_US: u64 = 40_000_000;
 /// After a stall the watchdog may still bite for this time, us.
 const WATCHDOG_US: u64 = 450_000;
+/// What is held back on the bus arrives no later than this, us: 15 ms at the most, and a look of 5 ms.
+const HELD_BACK_US: u64 = 20_000;
+/// A cycle that stood still goes on to its end and sees no STOP before the next, us: packets rest on its readings for half a cycle.
+const REST_OF_CYCLE_US: u64 = 25_000;
 /// Battery without trouble, mV.
 const BATTERY_MV: f64 = 7_400.0;
 
@@ -296,9 +300,10 @@ impl<'a> Stage<'a> {
         let on_the_bus = |fault: &Fault| fault.kind.is_on_the_bus();
         let mut active = self.plan.faults.iter().zip(&self.active);
         if active.any(|(fault, on)| *on && on_the_bus(fault)) {
-            // What is held back on the wire arrives a little later.
-            self.laws.disturbed_us = now_us + 20_000;
+            self.laws.disturb(now_us + HELD_BACK_US);
         }
+        let stalled_until_us = self.robot.motors().borrow().stalled_until_us;
+        self.laws.disturb(stalled_until_us + REST_OF_CYCLE_US);
         self.look_at_packets();
         let mut deaf = [false; 6];
         for fault in self.active() {

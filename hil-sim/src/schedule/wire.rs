@@ -51,6 +51,8 @@ pub(crate) struct Watched {
     held: VecDeque<(u64, Vec<u8>)>,
     /// What the module sent since the last look.
     pub(crate) sent: Vec<Sent>,
+    /// When the module's task goes on after the last stall, us.
+    pub(crate) stalled_until_us: u64,
     heard_us: [Option<u64>; 6],
     last: [Vec<u8>; 6],
     parser: Parser,
@@ -73,6 +75,7 @@ impl Watched {
             rng: Rng::new(seed, PURPOSE_PACKETS, 0),
             held: VecDeque::new(),
             sent: Vec::new(),
+            stalled_until_us: 0,
             heard_us: [None; 6],
             last: Default::default(),
             parser: Parser::new(),
@@ -91,6 +94,39 @@ impl Watched {
             let (at_ns, bytes) = self.held.remove(at).unwrap_or_default();
             self.motors.put(at_ns, &bytes);
         }
+    }
+
+    /// Puts a packet on the bad wire. Returns when its last bit has left the module, ns.
+    fn pass(&mut self, now_ns: u64, bytes: &[u8]) -> u64 {
+        let end_ns = now_ns + BYTE_NS * bytes.len() as u64;
+        let PacketFaults {
+            loss,
+            delay: (late, by_ns),
+            reorder,
+            duplicate,
+        } = self.faults;
+        if self.rng.chance(loss) {
+            return end_ns;
+        }
+        if self.rng.chance(late) {
+            self.held.push_back((now_ns + by_ns, bytes.to_vec()));
+            return end_ns;
+        }
+        if self.rng.chance(reorder) {
+            self.held.push_back((now_ns + OVERTAKEN_NS, bytes.to_vec()));
+            return end_ns;
+        }
+        let end_ns = self.motors.put(now_ns, bytes);
+        if self.rng.chance(duplicate) {
+            self.motors.put(end_ns, bytes);
+        }
+        for (at_ns, _) in &mut self.held {
+            // Overtaken: it may go as soon as this one has passed.
+            if reorder > 0.0 {
+                *at_ns = (*at_ns).min(end_ns);
+            }
+        }
+        end_ns
     }
 
     /// Notes measurements that reach the module.
@@ -128,36 +164,13 @@ impl MotorBus for Watched {
             stood_urad: std::array::from_fn(|joint| self.motors.position_urad(joint)),
             torque: std::array::from_fn(|joint| self.motors.torque(joint)),
         });
-        let end_ns = now_ns + BYTE_NS * bytes.len() as u64;
-        let PacketFaults {
-            loss,
-            delay: (late, by_ns),
-            reorder,
-            duplicate,
-        } = self.faults;
-        if self.rng.chance(loss) {
-            return end_ns;
-        }
-        if self.rng.chance(late) {
-            self.held.push_back((now_ns + by_ns, bytes.to_vec()));
-            return end_ns;
-        }
-        if self.rng.chance(reorder) {
-            self.held.push_back((now_ns + OVERTAKEN_NS, bytes.to_vec()));
-            return end_ns;
-        }
-        let end_ns = self.motors.put(now_ns, bytes);
-        if self.rng.chance(duplicate) {
-            self.motors.put(end_ns, bytes);
-        }
-        for (at_ns, _) in &mut self.held {
-            // Overtaken: it may go as soon as this one has passed.
-            if reorder > 0.0 {
-                *at_ns = (*at_ns).min(end_ns);
-            }
-        }
+        let end_ns = self.pass(now_ns, bytes);
         // The task stands still, the wire does not.
-        end_ns + self.motors.take_stall()
+        let stall_ns = self.motors.take_stall();
+        if stall_ns > 0 {
+            self.stalled_until_us = (end_ns + stall_ns).div_ceil(1_000);
+        }
+        end_ns + stall_ns
     }
 
     fn receive(&mut self, now_ns: u64, into: &mut VecDeque<Received>) {

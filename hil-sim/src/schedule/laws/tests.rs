@@ -76,6 +76,23 @@ fn a_driver_that_heard_nothing_is_let_go_a_cycle_after_it_is_back() {
 }
 
 #[test]
+fn no_disturbance_ends_another() {
+    let (motors, mut laws) = (driving(), laws());
+    // Its watchdog is not asked for.
+    laws.disordered = true;
+    laws.disturb(1_200_000);
+    laws.disturb(1_100_000);
+    for (now_us, kept) in [
+        (1_200_000 + OFF_US, true),
+        (1_200_000 + OFF_US + 1_000, false),
+    ] {
+        laws.look(now_us, &motors, None, |_| false);
+        let broken = laws.broken.iter().any(|broken| broken.law == Law::LetGo);
+        assert_eq!(broken, !kept, "at {now_us} us");
+    }
+}
+
+#[test]
 fn a_driver_that_restarted_may_lack_its_watchdog_for_a_cycle_and_its_packets() {
     for (after_us, broken) in [(OFF_US - 1, None), (OFF_US, Some(Law::Guarded))] {
         let (motors, mut laws) = (driving(), laws());

@@ -100,7 +100,6 @@ impl Stage<'_> {
                 self.robot.motors().borrow_mut().motors.stall_once(stall_us);
                 // The next packet may be a cycle away.
                 self.watchdog_until_us = now_us + WATCHDOG_US;
-                self.laws.disturbed_us = now_us + WATCHDOG_US;
             }
             Kind::StorageCut => {
                 let after = (fault.size * fault.size * 90.0) as u64;
