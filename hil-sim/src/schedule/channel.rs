@@ -16,6 +16,8 @@ pub(crate) enum Order {
     },
     /// Heartbeat of a tethered run.
     Beat,
+    /// STOP: taken in every session.
+    Stop,
 }
 
 /// A frame of a host.

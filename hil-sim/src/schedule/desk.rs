@@ -36,8 +36,8 @@ pub(crate) enum Fail {
 /// What the laws have to know of what a host saw.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Note {
-    /// A STOP was acknowledged.
-    Stopped,
+    /// The STOP of this number was acknowledged.
+    Stopped(u64),
     /// The end of a run was told, of a boot.
     Ended(u32, RunEnd),
     /// A gait is on its way to a slot.
@@ -283,7 +283,9 @@ impl Hand {
     pub(crate) async fn stop(&self) -> bool {
         let stopped = self.exchange(&ToModule::Stop, None).await.is_ok();
         if stopped {
-            self.0.borrow_mut().notes.push(Note::Stopped);
+            let mut desk = self.0.borrow_mut();
+            let number = desk.orders;
+            desk.notes.push(Note::Stopped(number));
         }
         stopped
     }
@@ -390,6 +392,7 @@ fn order_of(message: &ToModule) -> Option<Order> {
             lease_us: Some(u64::from(*lease_ms) * 1_000),
         }),
         ToModule::Heartbeat { .. } => Some(Order::Beat),
+        ToModule::Stop => Some(Order::Stop),
         _ => None,
     }
 }

@@ -3,13 +3,15 @@
 //!
 //! Nothing here asks the firmware. Positions, distances and the meaning of packets are computed again.
 
-use super::channel::{Delivered, Order};
+mod orders;
+
 use super::desk::{Note, Record};
 use super::reading::{EDGE_M, end_cubes_apart_m, read_packet};
 use super::wire::{Sent, Watched};
 use crate::robot::ideal::IdealMotors;
 use control::motion::MotionParams;
 use control::precheck::{Margins, Verdict};
+use orders::Grant;
 use protocol::bus::{Instruction, Register};
 use protocol::link::{Digest, RunEnd};
 use std::fmt;
@@ -29,8 +31,6 @@ const SAME_CYCLE_US: u64 = 25_000;
 /// A driver that gave no new measurement for three cycles gets no set-point, us; the reading of the fourth is over
 /// 25 ms later.
 const STALE_US: u64 = 3 * CYCLE_US + SAME_CYCLE_US;
-/// Life of a challenge, us.
-const CHALLENGE_US: u64 = 5_000_000;
 /// Rounding of set-points, f32 angles and wire counts, urad.
 const ROUNDING_URAD: i64 = 30;
 
@@ -77,25 +77,6 @@ pub enum Law {
     ComesBack,
 }
 
-/// A start order that reached the module.
-#[derive(Debug, Clone, Copy)]
-struct Grant {
-    number: u64,
-    at_us: u64,
-    runs_us: u64,
-    lease_us: Option<u64>,
-    beat_us: u64,
-}
-
-impl Grant {
-    /// Until when torque may be on by this order, us.
-    fn until_us(&self) -> u64 {
-        let run_us = self.at_us + self.runs_us;
-        let leased_us = self.lease_us.map(|lease_us| self.beat_us + lease_us);
-        leased_us.map_or(run_us, |at| at.min(run_us)) + REST_US
-    }
-}
-
 /// What a slot may hold.
 #[derive(Debug, Clone, Default)]
 struct Slot {
@@ -119,6 +100,9 @@ pub(crate) struct Laws {
     runs: u64,
     orders: u64,
     grants: Vec<Grant>,
+    /// Every STOP that went into the module since its last restart: number, time, us.
+    stops: Vec<(u64, u64)>,
+    /// When the last STOP that was acknowledged first went into the module, us: what was ordered before is void.
     stopped_us: u64,
     /// Since when nobody may have torque, unless an order says so, us.
     lapsed_us: u64,
@@ -189,6 +173,7 @@ impl Laws {
             runs: 0,
             orders: 0,
             grants: Vec::new(),
+            stops: Vec::new(),
             stopped_us: 0,
             lapsed_us: 0,
             disturbed_us: 0,
@@ -211,6 +196,7 @@ impl Laws {
     /// The module restarted.
     pub(crate) fn restarted(&mut self, at_us: u64) {
         self.grants.clear();
+        self.stops.clear();
         (self.runs, self.orders) = (0, 0);
         self.torque_asked = false;
         self.goals = [None; JOINTS];
@@ -231,56 +217,10 @@ impl Laws {
         }
     }
 
-    /// An undamaged frame goes into the module. `epoch`: its restarts so far.
-    pub(crate) fn delivered(&mut self, delivered: &Delivered, epoch: u32) {
-        let Delivered { frame, at_us } = delivered;
-        let Some((number, order)) = frame.order else {
-            return;
-        };
-        let late = at_us.saturating_sub(frame.made_us) > CHALLENGE_US;
-        let void = frame.made_us < self.stopped_us || late;
-        if frame.epoch != epoch || self.keyed && void {
-            return;
-        }
-        match order {
-            Order::Start { runs_us, lease_us } => {
-                let grant = Grant {
-                    number,
-                    at_us: *at_us,
-                    runs_us,
-                    lease_us,
-                    beat_us: *at_us,
-                };
-                let known = self.grants.iter_mut().find(|known| known.number == number);
-                match known {
-                    // Without a key nothing voids the copy of an order whose first one the receiver has lost.
-                    Some(known) if !self.keyed && known.at_us < self.stopped_us => *known = grant,
-                    Some(_) => {}
-                    None => {
-                        self.orders += 1;
-                        self.grants.push(grant);
-                    }
-                }
-            }
-            Order::Beat => {
-                for grant in &mut self.grants {
-                    grant.beat_us = grant.beat_us.max(*at_us);
-                }
-            }
-        }
-    }
-
     /// A host was told something.
     pub(crate) fn noted(&mut self, host: usize, note: &Note, record: &Record, now_us: u64) {
         match note {
-            Note::Stopped => {
-                self.stopped_us = now_us;
-                // What was ordered before ramps down and holds; afterwards it counts no more.
-                for grant in &mut self.grants {
-                    let left_us = now_us.saturating_sub(grant.at_us);
-                    grant.runs_us = grant.runs_us.min(left_us);
-                }
-            }
+            Note::Stopped(number) => self.stopped(*number, now_us),
             Note::Ended(boot, end) => self.last_end = Some((*boot, *end)),
             Note::Uploading(slot, digest) => {
                 self.slots[usize::from(*slot)]

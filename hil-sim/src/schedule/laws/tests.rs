@@ -1,8 +1,9 @@
 //! What the laws excuse ends where the module could know better.
 
-use super::{CYCLE_US, JOINTS, Law, Laws, OFF_US, STALE_US};
+use super::{CYCLE_US, JOINTS, Law, Laws, OFF_US, REST_US, STALE_US};
 use crate::robot::ideal::IdealMotors;
 use crate::robot::wire::MotorBus;
+use crate::schedule::channel::{Delivered, Frame, Order};
 use crate::schedule::wire::Sent;
 use protocol::bus::Profile;
 
@@ -101,4 +102,65 @@ fn a_driver_that_restarted_may_lack_its_watchdog_for_a_cycle_and_its_packets() {
         laws.look(1_000_000 + after_us, &motors, None, |_| false);
         assert_eq!(laws.broken.map(|broken| broken.law), broken);
     }
+}
+
+/// An order goes in at `at_us`, made a moment before.
+fn goes_in(laws: &mut Laws, number: u64, order: Order, at_us: u64) {
+    let frame = Frame {
+        bytes: Vec::new(),
+        order: Some((number, order)),
+        made_us: at_us - 1_000,
+        epoch: 0,
+    };
+    laws.delivered(&Delivered { frame, at_us }, 0);
+}
+
+const START: Order = Order::Start {
+    runs_us: 30_000_000,
+    lease_us: None,
+};
+
+/// When torque has to be off after a start at 1 s, or its copy at `copy_us`, and a STOP that went in at `stops_us` and was acknowledged at 2 s.
+fn rests_us(keyed: bool, copy_us: Option<u64>, stops_us: &[u64]) -> u64 {
+    let mut laws = Laws::new(keyed, [0; JOINTS], &[]);
+    goes_in(&mut laws, 1, START, 1_000_000);
+    if let Some(at_us) = copy_us {
+        goes_in(&mut laws, 1, START, at_us);
+    }
+    for at_us in stops_us {
+        goes_in(&mut laws, 2, Order::Stop, *at_us);
+    }
+    laws.stopped(2, 2_000_000);
+    laws.grants[0].until_us() - REST_US
+}
+
+#[test]
+fn a_stop_ends_what_was_ordered_before_it_went_in() {
+    let whole_us = 31_000_000;
+    for keyed in [false, true] {
+        assert_eq!(rests_us(keyed, None, &[1_100_000]), 1_100_000);
+        // Two copies: the first may have been lost in the receiver.
+        assert_eq!(rests_us(keyed, None, &[1_100_000, 1_350_000]), 1_350_000);
+        assert_eq!(rests_us(keyed, None, &[900_000]), whole_us, "before");
+        assert_eq!(rests_us(keyed, None, &[2_100_000]), whole_us, "not yet");
+    }
+    // The first copy of the order may have been lost, and the second one came after the STOP. A key voids it.
+    let copy_us = Some(1_250_000);
+    assert_eq!(rests_us(false, copy_us, &[1_100_000]), whole_us);
+    assert_eq!(rests_us(true, copy_us, &[1_100_000]), 1_100_000);
+}
+
+#[test]
+fn an_order_between_a_stop_and_its_acknowledgement_counts() {
+    let mut laws = Laws::new(true, [0; JOINTS], &[]);
+    goes_in(&mut laws, 1, Order::Stop, 1_000_000);
+    goes_in(&mut laws, 2, START, 1_002_000);
+    laws.stopped(1, 1_500_000);
+    assert!(laws.authorised(9_000_000));
+    // What was made before it and comes late does not.
+    let mut laws = Laws::new(true, [0; JOINTS], &[]);
+    goes_in(&mut laws, 1, Order::Stop, 1_000_000);
+    laws.stopped(1, 1_500_000);
+    goes_in(&mut laws, 2, START, 1_000_500);
+    assert!(!laws.authorised(1_600_000));
 }
