@@ -164,15 +164,15 @@ impl Hand {
             self.sleep(beat_us).await;
             let tag = Tag::NONE;
             if wish.lease_ms.is_some() {
-                // The run may be over, and then there is nothing to keep alive.
-                let _ = self.ask(&ToModule::Heartbeat { tag }).await;
+                self.beat().await?;
             }
             if self.chance(0.04) {
                 self.stop().await;
             } else if self.chance(0.06) {
                 let slot = 1 - wish.slot;
                 if let Some(digest) = self.digest(slot).await? {
-                    let _ = self.ask(&ToModule::ChangeGait { slot, digest, tag }).await;
+                    let change = ToModule::ChangeGait { slot, digest, tag };
+                    unless_restarted(&self.ask(&change).await)?;
                 }
             } else if wish.lease_ms.is_none() {
                 let state = self.info().await?.state;
@@ -186,6 +186,12 @@ impl Hand {
             }
         }
         Err(Fail::Timeout)
+    }
+
+    /// A heartbeat. The run may be over, and then there is nothing to keep alive.
+    async fn beat(&self) -> Result<(), Fail> {
+        let tag = Tag::NONE;
+        unless_restarted(&self.ask(&ToModule::Heartbeat { tag }).await)
     }
 
     async fn once(&self) -> Result<(), Fail> {
@@ -261,8 +267,7 @@ impl Hand {
         self.ask(&wish.order()).await?;
         while self.0.borrow().ends.len() == before {
             self.sleep(200_000).await;
-            let tag = Tag::NONE;
-            let _ = self.ask(&ToModule::Heartbeat { tag }).await;
+            self.beat().await?;
         }
         let end = self.0.borrow().ends.last().copied();
         let end = end.filter(|end| end.reason == EndReason::Completed);
@@ -270,5 +275,13 @@ impl Hand {
         let note = Note::Completed(end.ok_or(Fail::Unexpected)?, wish.duration_ms);
         self.0.borrow_mut().notes.push(note);
         Ok(())
+    }
+}
+
+/// A module that has restarted tells no end of the run before: whoever waits for it gives up, as `rb-host` does. Any other answer may stand.
+fn unless_restarted(answer: &Result<FromModule, Fail>) -> Result<(), Fail> {
+    match answer {
+        Err(Fail::Restarted) => Err(Fail::Restarted),
+        _ => Ok(()),
     }
 }
