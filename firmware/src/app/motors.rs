@@ -31,6 +31,9 @@ const STALL_READINGS: u8 = 20;
 const STALL_TRAVEL_URAD: i32 = 150_000;
 /// ... while the joint stays within this, urad: a tenth of what a joint with heavy stiction still makes of it.
 const STALL_STAYS_URAD: i32 = 10_000;
+/// Oldest reading that becomes a zero, us: one of the cycle before, while this one reads. Before an older one the task stood still, and the joint
+/// may have been placed since.
+const ZERO_AGE_US: u64 = 2 * control::CYCLE_US;
 
 /// Something about a driver that the supervisor or the host must know.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -321,15 +324,16 @@ impl Motor {
         Some((feedback, self.last_us))
     }
 
-    /// The present position becomes zero. False when there is no fresh reading.
-    pub fn set_zero(&mut self) -> bool {
-        match self.last.filter(|_| self.present() && self.misses == 0) {
-            Some(last) => {
-                self.zero_urad = last.position_urad;
-                true
-            }
-            None => false,
-        }
+    /// Whether it is known where the joint stands now.
+    #[must_use]
+    pub fn may_be_zeroed(&self, now_us: u64) -> bool {
+        let age_us = now_us.saturating_sub(self.last_us);
+        self.position_rad().is_some() && age_us <= ZERO_AGE_US
+    }
+
+    /// The position read last becomes zero.
+    pub fn set_zero(&mut self) {
+        self.zero_urad = self.last.map_or(0, |last| last.position_urad);
     }
 
     /// What to send for an angle in the joint's frame; `None` when it is not finite or beyond what a driver of this profile takes.

@@ -330,18 +330,15 @@ impl ModuleHandler for Visitor<'_> {
         if let Some(wrong) = wrong {
             return Err(Reject::WrongDriver(wrong));
         }
-        let missing_mask = joint_mask
-            & !self
-                .core
-                .motors
-                .mask(|motor| motor.position_rad().is_some());
+        let now_us = self.core.now_us;
+        let missing_mask = joint_mask & !self.core.motors.mask(|motor| motor.may_be_zeroed(now_us));
         if missing_mask != 0 {
             return Err(Reject::MotorsMissing { missing_mask });
         }
         for (joint, motor) in self.core.motors.iter_mut().enumerate() {
             if joint_mask >> joint & 1 != 0 {
                 // A fresh reading is there: checked above.
-                let _ = motor.set_zero();
+                motor.set_zero();
             }
         }
         self.core

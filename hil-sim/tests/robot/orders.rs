@@ -3,7 +3,7 @@
 use crate::common::{gait, ready};
 use hil_sim::robot::host::{AskError, SimHost};
 use hil_sim::robot::{EmulatedRobot, Setup};
-use protocol::link::{FromModule, ModuleState, Reject, TelemetryRate, ToModule};
+use protocol::link::{FromModule, ModuleState, Reject, Tag, TelemetryRate, ToModule};
 
 #[test]
 fn after_power_up_the_module_is_unhomed_and_refuses_to_start() {
@@ -68,4 +68,31 @@ fn stop_is_effective_within_one_cycle_and_three_ms_at_any_phase() {
     }
     println!("STOP: first set-point of the ramp {worst_us} us after the order at the latest");
     assert!(worst_us <= 53_000, "{worst_us} us");
+}
+
+/// The joint was placed while the task stood still: the zero was that of before, 150 ms old.
+#[test]
+fn a_reading_of_before_a_stall_becomes_no_zero() {
+    let mut robot = EmulatedRobot::ideal(Setup {
+        link_byte_ns: 0,
+        ..Setup::default()
+    });
+    let mut host = SimHost::new(robot.link());
+    host.hello(&mut robot).expect("answers");
+    let zero = ToModule::Zero {
+        joint_mask: 63,
+        tag: Tag::NONE,
+    };
+    robot.run_until(310_000);
+    robot.motors().borrow_mut().stall_once(110_000);
+    robot.run_until(355_000);
+    robot.motors().borrow_mut().place(0, 50_000);
+    robot.run_until(480_000);
+    let refused = host.ask(&mut robot, &zero);
+    let Err(AskError::Rejected(Reject::MotorsMissing { missing_mask })) = refused else {
+        panic!("{refused:?}")
+    };
+    assert_eq!(missing_mask & 1, 1);
+    robot.run_until(510_000);
+    host.ask(&mut robot, &zero).expect("read again");
 }
