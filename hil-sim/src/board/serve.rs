@@ -12,7 +12,8 @@ use crate::endpoint::{Endpoint, EndpointError};
 
 /// Longest wait for a byte from the client.
 const PATIENCE: Duration = Duration::from_millis(2);
-/// Longest stretch caught up with, ns: if QEMU is slower than the wall clock, time goes on from there.
+/// Longest stretch caught up with, ns: if QEMU is slower than the wall clock, time goes on from there. No byte of a client arrives meanwhile. No
+/// tethered run may end by it: of the lease of `rb-host`, 1 s, a quarter may be over when it begins. A quarter is left for the next heartbeat.
 const LONGEST_JUMP_NS: u64 = 500_000_000;
 /// Between two status reports.
 const STATUS_EVERY: Duration = Duration::from_millis(100);

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 /// Longest wait for a byte: the robot's cycle is 50 ms, so 2 ms steps leave its timing alone.
 const PATIENCE: Duration = Duration::from_millis(2);
-/// Longest stretch caught up with, us: after a suspended laptop, time goes on from there.
+/// Longest stretch caught up with, us: after a suspended laptop, time goes on from there. As for a board in QEMU: half of the lease of `rb-host`.
 const LONGEST_JUMP_US: u64 = 500_000;
 /// Between two status reports.
 const STATUS_EVERY: Duration = Duration::from_millis(100);
