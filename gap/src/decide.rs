@@ -1,23 +1,74 @@
 //! Decisions: every threshold of the search of causes, read from robots without a cause.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
 use crate::evidence::ensemble::Spreads;
+use crate::math;
+use crate::vocabulary::Effect;
 
 /// Family-wise share of robots without a cause that may be accused of one.
 pub const LEVEL: f64 = 0.01;
 
-/// What searches of robots without a cause found: the null distribution of the strongest evidence.
+/// Middle and upper tail of the evidence that robots without a cause show for one effect.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Tail {
+    /// Median of the evidence.
+    pub middle: f64,
+    /// Mean of its largest values ([`TAIL`] of all), less the median.
+    pub reach: f64,
+}
+
+impl Tail {
+    /// The evidence as it is.
+    const PLAIN: Self = Self {
+        middle: 0.0,
+        reach: 1.0,
+    };
+
+    fn of(evidence: &[f64]) -> Self {
+        let mut sorted = evidence.to_vec();
+        sorted.sort_by(|a, b| b.total_cmp(a));
+        let top = ((TAIL * sorted.len() as f64) as usize).max(1);
+        let middle = math::median(evidence);
+        Self {
+            middle,
+            reach: (math::mean(&sorted[..top]) - middle).max(1.0),
+        }
+    }
+
+    fn standard(self, evidence: f64) -> f64 {
+        (evidence - self.middle) / self.reach
+    }
+}
+
+/// Share of the values that make a tail.
+const TAIL: f64 = 0.05;
+
+/// Name by which an effect, or a shape of none, stands in a calibration.
+#[must_use]
+pub fn name(effect: Option<Effect>) -> &'static str {
+    effect.map_or("open", Effect::name)
+}
+
+/// What searches of robots without a cause found: the null distribution of the strongest evidence. The evidence of
+/// each effect is taken in units of the tail that such robots have of it, so that an effect that is hard to tell from
+/// their differences asks more of itself and not of all others (the largest of standardised statistics: Westfall and
+/// Young 1993).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
-    /// Always `rb.calibration/2`.
+    /// Always `rb.calibration/3`.
     pub schema: String,
     /// How the file was made.
     pub command: String,
     /// Where the robots come from.
     pub source: String,
-    /// Evidence of the best cause of each of them, ascending.
+    /// Largest evidence of each of them over all effects, in units of their tails, ascending.
     pub strongest: Vec<f64>,
+    /// Tails by effect; without any the evidence counts as it is.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub tails: BTreeMap<String, Tail>,
     /// What the best set leaves of each of them, ascending; empty where nothing was measured of it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub remainders: Vec<f64>,
@@ -41,7 +92,7 @@ pub enum CalibrationError {
     Few(usize),
 }
 
-const SCHEMA: &str = "rb.calibration/2";
+const SCHEMA: &str = "rb.calibration/3";
 /// Fewest robots whose strongest evidence says anything: with 19 a cause at least has p = 0.05.
 const LEAST: usize = 19;
 
@@ -65,9 +116,46 @@ impl Calibration {
             command: command.into(),
             source: source.into(),
             strongest,
+            tails: BTreeMap::new(),
             remainders: Vec::new(),
             spreads: Spreads::default(),
         })
+    }
+
+    /// From the largest evidence of every effect of robots without a cause.
+    ///
+    /// # Errors
+    /// Too few robots.
+    pub fn by_effect(
+        robots: &[BTreeMap<&'static str, f64>],
+        command: &str,
+        source: &str,
+    ) -> Result<Self, CalibrationError> {
+        let mut values: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+        for (effect, evidence) in robots.iter().flatten() {
+            values.entry((*effect).into()).or_default().push(*evidence);
+        }
+        let tails: BTreeMap<String, Tail> = values
+            .into_iter()
+            .map(|(effect, evidence)| (effect, Tail::of(&evidence)))
+            .collect();
+        let one = |robot: &BTreeMap<&'static str, f64>| {
+            let standard = robot.iter().map(|(e, x)| tails[*e].standard(*x));
+            standard.fold(f64::NEG_INFINITY, f64::max)
+        };
+        let own = Self::new(robots.iter().map(one).collect(), command, source)?;
+        Ok(Self { tails, ..own })
+    }
+
+    /// Tail of an effect; the widest of all for one that no robot of the calibration could show.
+    fn tail(&self, effect: Option<Effect>) -> Tail {
+        let own = self.tails.get(name(effect)).copied();
+        let widest = || {
+            let reach = |t: &&Tail| t.middle + t.reach;
+            let all = self.tails.values();
+            all.max_by(|a, b| reach(a).total_cmp(&reach(b))).copied()
+        };
+        own.or_else(widest).unwrap_or(Tail::PLAIN)
     }
 
     /// The same with what the best sets leave.
@@ -91,6 +179,7 @@ impl Calibration {
         let own = Self::new(read.strongest, &read.command, &read.source)?;
         let own = Self {
             spreads: read.spreads,
+            tails: read.tails,
             ..own
         };
         Ok(own.with_remainders(read.remainders))
@@ -123,6 +212,7 @@ impl Calibration {
             command: String::new(),
             source: String::new(),
             strongest: vec![f64::MAX; LEAST],
+            tails: BTreeMap::new(),
             remainders: Vec::new(),
             spreads: Spreads::default(),
         })
@@ -137,15 +227,24 @@ impl Calibration {
         (n - below + 1) as f64 / (n + 1) as f64
     }
 
-    /// Conformal p-value of an evidence: the chance that a robot without a cause shows as much.
+    /// Conformal p-value of an effect's evidence: the chance that a robot without a cause shows as much of any effect.
     #[must_use]
-    pub fn p_value(&self, evidence: f64) -> f64 {
-        let below = self.strongest.partition_point(|x| *x < evidence);
+    pub fn p_value(&self, effect: Option<Effect>, evidence: f64) -> f64 {
+        let standard = self.tail(effect).standard(evidence);
+        let below = self.strongest.partition_point(|x| *x < standard);
         let n = self.strongest.len();
         (n - below + 1) as f64 / (n + 1) as f64
     }
 
-    /// Evidence that a cause must add: the least one whose p-value is at most [`LEVEL`]; beyond all robots without
+    /// Evidence that a cause of an effect must add: what robots without a cause do not show, and what makes it likelier
+    /// than its absence by one over [`LEVEL`].
+    #[must_use]
+    pub fn ask(&self, effect: Option<Effect>) -> f64 {
+        let tail = self.tail(effect);
+        (tail.middle + tail.reach * self.least()).max(-libm::log(LEVEL))
+    }
+
+    /// Evidence that a cause must add, in units of its tail: the least one whose p-value is at most [`LEVEL`]; beyond all robots without
     /// a cause where these are too few to tell.
     #[must_use]
     pub fn least(&self) -> f64 {
@@ -173,14 +272,37 @@ mod tests {
     fn few_robots_ask_for_more_evidence_than_any_of_them() {
         let c = of(49);
         assert!(c.least() > 48.0);
-        assert!((c.p_value(c.least()) - 0.02).abs() < 1e-12);
+        assert!((c.p_value(None, c.least()) - 0.02).abs() < 1e-12);
     }
 
     #[test]
     fn many_robots_allow_the_share_that_the_level_says() {
         let c = of(999);
-        assert!(c.p_value(c.least()) <= LEVEL);
-        assert!(c.p_value(c.least() - 1.0) > LEVEL);
+        assert!(c.p_value(None, c.least()) <= LEVEL);
+        assert!(c.p_value(None, c.least() - 1.0) > LEVEL);
+    }
+
+    #[test]
+    fn an_effect_that_healthy_robots_imitate_asks_more_of_itself_alone() {
+        let mut rng = crate::math::Rng::new(2);
+        let mut robot = || {
+            let late = 9.0 * rng.normal().abs() - 3.0;
+            BTreeMap::from([("latency", late), ("mass", rng.normal() - 3.0)])
+        };
+        let healthy: Vec<_> = (0..400).map(|_| robot()).collect();
+        let c = Calibration::by_effect(&healthy[..200], "test", "numbers").expect("enough");
+        let [late, heavy] = [Effect::Latency, Effect::Mass].map(Some);
+        assert!(c.ask(late) > 15.0 && c.ask(heavy) < 5.0, "{c:?}");
+        // An effect that no robot could show asks what the hardest one does.
+        assert!((c.ask(None) - c.ask(late)).abs() < 1e-9);
+        for effect in [late, heavy] {
+            assert!(c.p_value(effect, c.ask(effect)) <= LEVEL);
+        }
+        let accused = healthy[200..]
+            .iter()
+            .filter(|r| r["latency"] > c.ask(late) || r["mass"] > c.ask(heavy))
+            .count();
+        assert!(accused <= 8, "{accused} of 200 others");
     }
 
     #[test]
@@ -210,7 +332,7 @@ mod tests {
             Calibration::parse(old),
             Err(CalibrationError::Schema(_))
         ));
-        let few = r#"{"schema":"rb.calibration/2","command":"","source":"","strongest":[1.0]}"#;
+        let few = r#"{"schema":"rb.calibration/3","command":"","source":"","strongest":[1.0]}"#;
         assert!(matches!(
             Calibration::parse(few),
             Err(CalibrationError::Few(1))

@@ -63,6 +63,7 @@ mod unseen;
 mod windows;
 mod witness;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use control::gait::Gait;
@@ -79,7 +80,7 @@ use crate::report::Subject;
 use crate::verdict::Verdict;
 use crate::vocabulary::Effect;
 pub use camera::Film;
-pub use causes::{Alternative, Causes, Probabilities, Row, Value, Word};
+pub use causes::{Alternative, Causes, Nearest, Probabilities, Row, Value, Word};
 use conventions::Conventions;
 use data::Data;
 use joints::Found;
@@ -264,7 +265,7 @@ pub struct DataSet<'a> {
 /// without a cause differ by.
 fn asked<T>(
     set: DataSet<'_>,
-    (withhold, least, spreads): (&[Effect], f64, &Spreads),
+    (withhold, calibration): (&[Effect], &Calibration),
     then: impl FnOnce(&causes::Asked<'_>, Option<&mut body::Tier>) -> T,
 ) -> Result<T, WholeError> {
     let manifest = set.manifest;
@@ -276,7 +277,8 @@ fn asked<T>(
         return Err(WholeError::Nothing);
     }
     let mut conventions = conventions::find(&data);
-    let direct = direct::read(&data, &mut conventions, withhold);
+    let mut direct = Vec::new();
+    echo::read(&data, &mut conventions, withhold, &mut direct);
     let mut tier = body::Tier::new(&data, model, &params, &split.fit);
     let camera = camera::Tier::new(&data, manifest, model, set.films, &split.fit);
     let block = |tier| blocks::camera::block(tier, &camera::coordinates(manifest, model));
@@ -293,8 +295,7 @@ fn asked<T>(
         films: &films,
         runs: &split.fit,
         withhold,
-        least,
-        spreads,
+        calibration,
     };
     Ok(then(&asked, tier.as_mut()))
 }
@@ -308,8 +309,7 @@ pub fn name_causes(
     withhold: &[Effect],
     calibration: &Calibration,
 ) -> Result<Causes, WholeError> {
-    let settings = (withhold, calibration.least(), &calibration.spreads);
-    let found = asked(set, settings, causes::explain)?;
+    let found = asked(set, (withhold, calibration), causes::explain)?;
     Ok(found.rows(calibration))
 }
 
@@ -318,8 +318,10 @@ pub fn name_causes(
 /// # Errors
 /// As [`diagnose`].
 pub fn null_blocks(set: DataSet<'_>) -> Result<Vec<White>, WholeError> {
-    let settings = (&[][..], f64::INFINITY, &Spreads::default());
-    asked(set, settings, |asked, tier| asked.nominal_blocks(tier))
+    let calibration = Calibration::shipped();
+    asked(set, (&[], &calibration), |asked, tier| {
+        asked.nominal_blocks(tier)
+    })
 }
 
 /// What robots without a cause, each by its [`null_blocks`], differ by, and how strong a cause they seem to have. The
@@ -339,12 +341,12 @@ pub fn calibrated(
             Spreads::learned(&others)
         })
         .collect();
-    let strongest = robots
+    let strongest: Vec<BTreeMap<&str, f64>> = robots
         .par_iter()
         .enumerate()
         .map(|(i, r)| causes::strongest(r, &folds[i % FOLDS]))
         .collect();
-    let mut out = Calibration::new(strongest, command, source)?;
+    let mut out = Calibration::by_effect(&strongest, command, source)?;
     out.spreads = Spreads::learned(robots);
     Ok(out)
 }

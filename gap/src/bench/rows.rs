@@ -79,7 +79,7 @@ impl Read {
     }
 
     fn row(&self, calibration: &Calibration) -> Row {
-        let p_value = calibration.p_value(self.evidence);
+        let p_value = calibration.p_value(None, self.evidence);
         let off = 1.96 * self.error;
         let value = Value {
             value: self.value,
@@ -97,6 +97,7 @@ impl Read {
             probability: 1.0 - p_value,
             p_value,
             evidence: self.evidence,
+            asked: calibration.least(),
             alternatives: Vec::new(),
         }
     }
@@ -225,7 +226,7 @@ impl Explained {
         }
         alternatives.truncate(LISTED);
         let evidence = self.found.gains[i];
-        let p_value = calibration.p_value(evidence);
+        let p_value = calibration.p_value(None, evidence);
         let others: f64 = alternatives
             .iter()
             .map(|a| libm::exp(-a.margin.max(-20.0)))
@@ -244,6 +245,7 @@ impl Explained {
             probability: (1.0 - p_value) / (1.0 + others),
             p_value,
             evidence,
+            asked: calibration.least(),
             alternatives,
         }
     }
@@ -272,7 +274,7 @@ impl Explained {
             Some(_) => Word::Explained,
         };
         let none = if causes.is_empty() {
-            calibration.p_value(self.found.next).min(1.0)
+            calibration.p_value(None, self.found.next).min(1.0)
         } else {
             0.0
         };

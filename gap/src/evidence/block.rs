@@ -13,6 +13,8 @@ pub struct Site {
     pub joint: Option<usize>,
     /// The loads in it are guesses, because no pose of the base was recorded.
     pub blind: bool,
+    /// It stands on duties, which change between two rows.
+    pub coarse: bool,
 }
 
 /// What a column stands for.
@@ -361,10 +363,19 @@ impl White {
     }
 
     /// Share by which all that the block says counts where `share` of its noise may be model error in any one direction.
-    /// No number of rows averages model error away: along a direction the errors have the variance `1 + rows share^2`.
+    /// No number of rows averages model error away: along a direction the errors have the variance
+    /// `1 + rows share^2`, and `more`.
     #[must_use]
-    pub fn tempering(&self, share: f64) -> f64 {
-        1.0 / (1.0 + self.rows * share * share)
+    pub fn tempering(&self, share: f64, more: f64) -> f64 {
+        1.0 / (1.0 + self.rows * share * share + more)
+    }
+
+    /// Square of what columns with the coefficients `by` give, in units of the noise.
+    #[must_use]
+    pub fn explained(&self, by: &[(usize, f64)]) -> f64 {
+        let n = self.columns.len() + 1;
+        let row = |a: usize| -> f64 { by.iter().map(|(b, v)| v * self.products[a * n + b]).sum() };
+        by.iter().map(|(a, v)| v * row(*a)).sum()
     }
 
     /// The block without its nuisances: columns have the standard deviation `slack` where no cause is; products count
@@ -441,6 +452,7 @@ mod tests {
             stage: Stage::Driver,
             joint: None,
             blind: false,
+            coarse: false,
         };
         let columns = vec![column(1e6), column(0.0)];
         let block = White::whitened(site, columns, &[segment], [1.0, 1.0]).plain();

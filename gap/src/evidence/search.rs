@@ -60,7 +60,7 @@ pub struct Found {
     pub gains: Vec<f64>,
     /// Rivals of each member, nearest first.
     pub rivals: Vec<Vec<Rival>>,
-    /// The best gain of a cause that was not taken, and which.
+    /// The cause that was not taken and comes nearest to what is asked of it, and what it would add.
     pub next: Option<(usize, f64)>,
 }
 
@@ -240,34 +240,34 @@ impl Problem<'_> {
         Set { members, evidence }
     }
 
+    /// Evidence of a set less what is asked of its members, by cause.
+    fn above(&self, set: &Set, asks: &[f64]) -> f64 {
+        set.evidence - set.members.iter().map(|m| asks[*m]).sum::<f64>()
+    }
+
     /// The best of the sets that differ from `set` by one member, left out or another one in its place.
-    fn exchanged(&self, set: &Set, least: f64) -> Option<Set> {
+    fn exchanged(&self, set: &Set, asks: &[f64]) -> Option<Set> {
         let mut best = set.clone();
         for at in 0..set.members.len() {
             let bare = self.without(set, at);
-            // A member must add `least`.
-            if bare.evidence + least > best.evidence {
-                best = Set {
-                    evidence: bare.evidence + least,
-                    ..bare.clone()
-                };
+            let least = self.above(&bare, asks);
+            if least > self.above(&best, asks) {
+                best = bare.clone();
             }
-            for other in self.grown(&[bare]).into_iter().take(1) {
-                if other.evidence > best.evidence + 1e-9 {
-                    best = other;
-                }
+            let others = self.grown(std::slice::from_ref(&bare));
+            // A member must add what is asked of it; what it is, the evidence says.
+            if let Some(other) = others.into_iter().find(|s| self.above(s, asks) > least)
+                && (other.evidence > set.evidence + 1e-9 && other.evidence > best.evidence)
+            {
+                best = other;
             }
         }
-        if best.members == set.members {
-            return None;
-        }
-        best.evidence = self.evidence(&best.members);
-        Some(best)
+        (best.members != set.members).then_some(best)
     }
 
-    /// The set of causes of most evidence; every member adds `least` at least.
+    /// The set of causes of most evidence, each of which adds what is asked of it at least (`asks`, by cause).
     #[must_use]
-    pub fn search(&self, least: f64, most: usize) -> Found {
+    pub fn search(&self, asks: &[f64], most: usize) -> Found {
         let mut best = Set {
             members: Vec::new(),
             evidence: self.evidence(&[]),
@@ -275,34 +275,32 @@ impl Problem<'_> {
         let mut beam = vec![best.clone()];
         for _ in 0..most {
             let mut next = self.grown(&beam);
-            next.truncate(BEAM);
-            let Some(first) = next.first() else { break };
-            let better = first.evidence > best.evidence + least;
-            if better {
-                best = first.clone();
-            } else {
+            let bar = self.above(&best, asks);
+            let Some(first) = next.iter().find(|s| self.above(s, asks) > bar) else {
                 break;
-            }
+            };
+            best = first.clone();
+            next.truncate(BEAM);
             beam = next;
         }
         for _ in 0..EXCHANGES {
-            let Some(other) = self.exchanged(&best, least) else {
+            let Some(other) = self.exchanged(&best, asks) else {
                 break;
             };
             best = other;
-            if let Some(more) = self.grown(std::slice::from_ref(&best)).into_iter().next()
-                && more.evidence > best.evidence + least
+            let bar = self.above(&best, asks);
+            let more = self.grown(std::slice::from_ref(&best));
+            if let Some(more) = more.into_iter().find(|s| self.above(s, asks) > bar)
                 && more.members.len() <= most
             {
                 best = more;
             }
         }
-        self.weighed(best)
+        self.weighed(best, asks)
     }
 
     /// A set with what each member adds, its rivals, and the best cause outside.
-    #[must_use]
-    pub fn weighed(&self, best: Set) -> Found {
+    fn weighed(&self, best: Set, asks: &[f64]) -> Found {
         let mut gains = Vec::new();
         let mut rivals = Vec::new();
         for at in 0..best.members.len() {
@@ -324,14 +322,16 @@ impl Problem<'_> {
                     .collect(),
             );
         }
-        let next = self
-            .grown(std::slice::from_ref(&best))
-            .into_iter()
-            .next()
-            .and_then(|s| {
+        let bar = self.above(&best, asks);
+        let more = self.grown(std::slice::from_ref(&best));
+        let next = more
+            .iter()
+            .filter_map(|s| {
                 let new = s.members.iter().find(|m| !best.members.contains(m))?;
-                Some((*new, s.evidence - best.evidence))
-            });
+                Some((*new, s.evidence - best.evidence, self.above(s, asks) - bar))
+            })
+            .max_by(|a, b| a.2.total_cmp(&b.2).then_with(|| b.0.cmp(&a.0)))
+            .map(|(new, adds, _)| (new, adds));
         Found {
             best,
             gains,
@@ -388,6 +388,7 @@ mod tests {
             stage: Stage::Drivetrain,
             joint: Some(k),
             blind: false,
+            coarse: false,
         };
         let columns = vec![
             Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 1.0).at_least_neutral(),
@@ -412,7 +413,7 @@ mod tests {
             causes: &causes,
             always: &[],
         };
-        let found = problem.search(6.0, 6);
+        let found = problem.search(&vec![6.0; causes.len()], 6);
         let one = |m: &usize| {
             let c = &causes[*m];
             (c.effect, c.scope, c.joints.clone())

@@ -2,6 +2,7 @@
 
 pub(super) mod body;
 pub(super) mod camera;
+pub(super) mod electrical;
 pub(super) mod position;
 pub(super) mod torque;
 pub(super) mod transmission;

@@ -3,20 +3,23 @@
 mod loads;
 mod readings;
 mod rows;
+mod windings;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use files::model::{Key, Model};
 use physics::Params;
 use rayon::prelude::*;
 
-use super::blocks::{body as body_block, position, torque, transmission};
+use super::blocks::{body as body_block, electrical, position, torque, transmission};
 use super::body;
 use super::conventions::Conventions;
-use super::data::{Data, JOINTS, Run, Track};
+use super::data::{Data, JOINTS, Track};
 use super::direct::Reading;
 use super::nominal::{Nominal, inter, nominal};
 use super::windows::{LinkMap, PERIOD_S};
+use crate::decide::{Calibration, name};
 use crate::evidence::block::{Block, Column, Meaning, White};
 use crate::evidence::cause::{Cause, Group, Scope, causes, shared_slack};
 use crate::evidence::ensemble::Spreads;
@@ -24,12 +27,11 @@ use crate::evidence::search::{Found, Problem};
 use crate::vocabulary::{Effect, Stage};
 use loads::Loads;
 use readings::{reading, sure};
-pub use rows::{Alternative, Causes, Probabilities, Row, Value, Word};
+pub use rows::{Alternative, Causes, Nearest, Probabilities, Row, Value, Word};
+use windings::{effort, signals};
 
 /// Order of the autoregression that whitens: 0.12 s of angles, 0.24 s of torques.
 const ORDER: usize = 6;
-/// What the loads of all joints together may be off by, as a share of them (contacts of other makes: 0.07 to 0.12).
-const MASS: f64 = 0.12;
 /// A motor at its limit: quantile of the torque that counts as the top, and the level below it down to which a limit is
 /// looked for, as a share of the top. Noise lies above a limit.
 const TOP: f64 = 0.995;
@@ -62,19 +64,6 @@ fn groups() -> Vec<Group> {
     ]
 }
 
-fn effort(run: &Run, k: usize, nm_per_a: f64) -> Option<Track> {
-    let j = &run.joints[k];
-    if let Some(e) = &j.effort {
-        return Some(e.clone());
-    }
-    let c = j.current.as_ref()?;
-    let v = c.v.iter().map(|x| x * nm_per_a).collect();
-    Some(Track {
-        t_s: c.t_s.clone(),
-        v,
-    })
-}
-
 /// The level at which torques stay, where they stay at one near the top.
 fn plateau(torques_nm: &[f64]) -> Option<f64> {
     let top = crate::math::quantile(torques_nm, TOP);
@@ -104,10 +93,8 @@ pub(super) struct Asked<'a> {
     pub(super) films: &'a (Option<White>, Option<Reading>),
     pub(super) runs: &'a [usize],
     pub(super) withhold: &'a [Effect],
-    /// Evidence that a cause must add.
-    pub(super) least: f64,
-    /// What robots without a cause differ by.
-    pub(super) spreads: &'a Spreads,
+    /// What a cause must add, and what robots without a cause differ by.
+    pub(super) calibration: &'a Calibration,
 }
 
 impl Asked<'_> {
@@ -116,7 +103,7 @@ impl Asked<'_> {
         let all: Vec<f64> = self
             .runs
             .iter()
-            .filter_map(|r| effort(&self.data.runs[*r], k, servo.nm_per_a))
+            .filter_map(|r| effort(&self.data.runs[*r], k, &self.motor(k)))
             .flat_map(|e| e.v.into_iter().map(f64::abs))
             .collect();
         match plateau(&all) {
@@ -138,14 +125,29 @@ impl Asked<'_> {
         let efforts: Vec<Option<Track>> = self
             .runs
             .iter()
-            .map(|r| effort(&self.data.runs[*r], k, servo.nm_per_a))
+            .map(|r| effort(&self.data.runs[*r], k, &self.motor(k)))
+            .collect();
+        // What the motor bears, where it was measured.
+        let borne: Vec<Option<Vec<f64>>> = efforts
+            .iter()
+            .zip(self.runs)
+            .map(|(effort, r)| {
+                let steps = (self.data.runs[*r].length_s / PERIOD_S) as usize;
+                let effort = effort.as_ref()?;
+                Some(
+                    (0..=steps)
+                        .map(|i| effort.at(i as f64 * PERIOD_S))
+                        .collect(),
+                )
+            })
             .collect();
         let mut applied = false;
         let inputs: Vec<position::Input<'_>> = self
             .runs
             .iter()
             .zip(&efforts)
-            .filter_map(|(r, effort)| {
+            .zip(&borne)
+            .filter_map(|((r, effort), borne)| {
                 let run = &self.data.runs[*r];
                 let sent = run.joints[c.order[k]].command.as_ref();
                 let heard = run.joints[c.echo_at[c.order[k]]].applied.as_ref();
@@ -153,7 +155,7 @@ impl Asked<'_> {
                 Some(position::Input {
                     command: position::regular(echo.command(sent, heard)?),
                     position: run.joints[k].position.as_ref()?,
-                    load_nm: &loads.makes[0][*r][k],
+                    load_nm: borne.as_ref().unwrap_or(&loads.makes[0][*r][k]),
                     load_step_s: PERIOD_S,
                     limit: effort.as_ref().map(|e| (limit_nm, e)),
                 })
@@ -170,15 +172,22 @@ impl Asked<'_> {
         Some(White::new(position::raw(k, &inputs, &known, start)?, ORDER))
     }
 
-    fn torque(&self, k: usize, loads: &Loads) -> Option<White> {
+    fn torque(&self, k: usize, loads: &Loads, drawn: &[Track]) -> Option<White> {
         let servo = nominal(self.model, k);
+        let motor = self.motor(k);
+        let heard: Vec<Option<electrical::Signals<'_>>> = self
+            .runs
+            .iter()
+            .map(|r| signals(&self.data.runs[*r], k))
+            .collect();
         let tracked = self.data.runs.iter().any(|r| r.base.is_some());
-        let mass = Column::linear(Effect::Mass, "ratio", 1.0, 0.4)
-            .of_robot()
-            .with_shared_slack("mass", if tracked { MASS } else { 1.0 });
+        let mass = Column::linear(Effect::Mass, "ratio", 1.0, 0.4).of_robot();
+        let told = |h: &electrical::Signals<'_>| h.effort.is_some() || h.current.is_some();
         let known = torque::Known {
             damping_nm_s: servo.damping_nm_s_rad,
+            tolerance_nm_s: servo.damping_tolerance_nm_s_rad,
             blind: !tracked,
+            coarse: !heard.iter().flatten().all(told),
             body: std::iter::once(mass)
                 .chain(loads.body.iter().map(|b| b.0.clone()))
                 .collect(),
@@ -186,11 +195,17 @@ impl Asked<'_> {
         let inputs: Vec<torque::Input<'_>> = self
             .runs
             .iter()
-            .filter_map(|r| {
+            .zip(&heard)
+            .zip(drawn)
+            .filter_map(|((r, heard), drawn)| {
                 let run = &self.data.runs[*r];
-                let nm_per_a = servo.nm_per_a * self.conventions.per_ampere[k];
-                let effort = effort(run, k, nm_per_a)?;
+                let heard = heard.as_ref()?;
+                let effort = effort(run, k, &motor).or_else(|| heard.torque_of_duty(&motor))?;
                 let load = &loads.makes[0][*r][k];
+                let electrical = match heard.effort {
+                    Some(_) => Vec::new(),
+                    None => electrical::of_torque(&motor, heard, drawn),
+                };
                 Some(torque::Input {
                     position: run.joints[k].position.as_ref()?,
                     effort,
@@ -203,6 +218,7 @@ impl Asked<'_> {
                         .chain(loads.body.iter().map(|b| b.2))
                         .collect(),
                     load_step_s: PERIOD_S,
+                    electrical,
                 })
             })
             .collect();
@@ -309,11 +325,13 @@ impl Asked<'_> {
             .into_par_iter()
             .filter_map(|k| self.position(k, loads, &starts[k]))
             .collect();
+        let drawn = self.drawn();
         let torques: Vec<White> = (0..JOINTS)
             .into_par_iter()
-            .filter_map(|k| self.torque(k, loads))
+            .filter_map(|k| self.torque(k, loads, &drawn))
             .collect();
         out.extend(torques);
+        out.extend(self.electrical(&drawn));
         out.extend((0..JOINTS).filter_map(|k| self.transmission(k, loads)));
         out.extend(body);
         out.extend(self.films.0.clone());
@@ -330,17 +348,26 @@ pub(super) struct Explained {
     pub(super) found: Found,
 }
 
-/// Evidence of the strongest cause that the `blocks` of a robot show.
-pub(super) fn strongest(blocks: &[White], spreads: &Spreads) -> f64 {
-    let blocks: Vec<Block> = blocks.iter().map(|w| spreads.taken_from(w)).collect();
+/// Largest evidence that the `blocks` of a robot show for each effect, by the name that it has in a calibration.
+pub(super) fn strongest(blocks: &[White], spreads: &Spreads) -> BTreeMap<&'static str, f64> {
+    let blocks: Vec<Block> = blocks.iter().map(|w| spreads.taken_from(w, 0.0)).collect();
     let all = causes(&blocks, &groups(), &[]);
     let problem = Problem {
         blocks: &blocks,
         causes: &all,
         always: &shared_slack(&blocks, spreads),
     };
-    let found = problem.search(f64::INFINITY, 1);
-    found.next.map_or(f64::NEG_INFINITY, |n| n.1)
+    let none = problem.evidence(&[]);
+    let adds: Vec<f64> = (0..all.len())
+        .into_par_iter()
+        .map(|c| problem.evidence(&[c]) - none)
+        .collect();
+    let mut out = BTreeMap::new();
+    for (cause, adds) in all.iter().zip(adds) {
+        let slot = out.entry(name(cause.effect)).or_insert(adds);
+        *slot = slot.max(adds);
+    }
+    out
 }
 
 /// Searches the causes.
@@ -354,6 +381,8 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Expla
     let mut out: Option<Explained> = None;
     let mut tier = tier;
     let mut world: Option<World> = None;
+    // Block, column and coefficient of what the last pass found.
+    let mut explained: Vec<(usize, usize, f64)> = Vec::new();
     for _ in 0..PASSES {
         if world.as_ref().is_none_or(|w| w.0 != starts.body) {
             let (loads, body) = asked.world(tier.as_deref_mut(), &moves, &neutral, &starts);
@@ -363,16 +392,29 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Expla
             break;
         };
         let whites = asked.blocks(loads, body.clone(), &starts.joints);
-        let blocks: Vec<Block> = whites.iter().map(|w| asked.spreads.taken_from(w)).collect();
+        let blocks: Vec<Block> = whites
+            .iter()
+            .enumerate()
+            .map(|(i, w)| {
+                let own = explained.iter().filter(|e| e.0 == i);
+                let by: Vec<(usize, f64)> = own.map(|e| (e.1, e.2)).collect();
+                asked.calibration.spreads.taken_from(w, w.explained(&by))
+            })
+            .collect();
         let all = causes(&blocks, &groups(), asked.withhold);
-        let always = shared_slack(&blocks, asked.spreads);
+        let always = shared_slack(&blocks, &asked.calibration.spreads);
         let problem = Problem {
             blocks: &blocks,
             causes: &all,
             always: &always,
         };
-        let found = problem.search(asked.least, MOST);
+        let asks: Vec<f64> = all
+            .iter()
+            .map(|c| asked.calibration.ask(c.effect))
+            .collect();
+        let found = problem.search(&asks, MOST);
         let again = Starts::of(&problem, &found);
+        explained = problem.coefficients(&found.best.members);
         let next = Explained {
             blocks,
             causes: all,

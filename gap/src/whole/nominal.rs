@@ -59,6 +59,8 @@ pub(super) struct Nominal {
     pub(super) torque_tolerance_nm: f64,
     /// Joint damping, N m s/rad.
     pub(super) damping_nm_s_rad: f64,
+    /// Its tolerance, N m s/rad.
+    pub(super) damping_tolerance_nm_s_rad: f64,
     /// Resistance of the winding, ohm; 0 = the supply bounds nothing.
     pub(super) winding_ohm: f64,
     /// Torque per current at the output, N m/A.
@@ -97,6 +99,7 @@ pub(super) fn nominal(model: &Model, k: usize) -> Nominal {
         torque_tolerance_nm: model.parameter(torque).tolerance,
         winding_ohm: 0.0,
         damping_nm_s_rad: model.value(damping),
+        damping_tolerance_nm_s_rad: model.parameter(damping).tolerance,
         nm_per_a: model.value(torque_per_current),
     }
 }

@@ -11,17 +11,13 @@ use super::super::body::{B, FLEX, NUMBERS, OFFSET, PLAY, RATIO, Tier, of_joint};
 use super::super::body_library::coordinates;
 use super::super::data::JOINTS;
 
-/// What contact laws of two engines differ by in the friction that motion and loads show, as a share of it: a
-/// pyramid inside the cone has up to 0.71 of it (MuJoCo's default), and creep takes more.
-const ENGINES: f64 = 0.2;
-
 /// A column of the body: what is moved, from where the coefficient counts.
 #[derive(Debug, Clone)]
 pub(in crate::whole) struct Move {
     pub(in crate::whole) column: Column,
     /// Coordinates and their change per coefficient.
     pub(in crate::whole) along: Vec<(usize, f64)>,
-    /// Share of a coefficient over which the slope is taken.
+    /// Coefficient over which the slope is taken.
     pub(in crate::whole) step: f64,
     /// It moves the loads of the joints too.
     pub(in crate::whole) loads: bool,
@@ -36,6 +32,23 @@ impl Move {
         }
     }
 
+    /// The step to play where `at` of it is there already: back to where nothing is, if that is far enough.
+    pub(in crate::whole) fn step_from(&self, at: f64) -> f64 {
+        if at.abs() > 0.5 * self.step.abs() {
+            -at
+        } else {
+            self.step
+        }
+    }
+
+    /// The same the other way.
+    fn downwards(self) -> Self {
+        Self {
+            step: -self.step,
+            ..self
+        }
+    }
+
     /// Coordinates after a coefficient of `step`.
     pub(in crate::whole) fn from(&self, theta: &[f64], step: f64) -> Vec<f64> {
         let mut out = theta.to_vec();
@@ -46,11 +59,13 @@ impl Move {
     }
 }
 
-fn slope(column: Column, at: usize, step: f64) -> Move {
+/// A slope over the size that an effect has where it is there. Two plays of one window differ by when a foot lands,
+/// whatever the step is: over a small one nothing else would show.
+fn slope(column: Column, at: usize) -> Move {
     Move {
+        step: column.prior[1],
         column,
         along: vec![(at, 1.0)],
-        step,
         loads: false,
     }
 }
@@ -72,27 +87,20 @@ pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
     let mu = model.value(Key::Friction);
     let mut out = Vec::new();
     let mut friction = Column::linear(Effect::GroundFriction, "coefficient", mu, 0.4)
-        .with_slack(sigma(B::Friction))
-        .with_shared_slack("friction", ENGINES);
+        .with_slack(sigma(B::Friction));
     friction.parameter.scale = mu;
     // Downwards: a ground that holds well holds no better with more friction.
-    out.push(slope(friction, b(B::Friction), -0.15).loading());
+    out.push(slope(friction, b(B::Friction)).downwards().loading());
     let bounce = model.value(Key::Bounce);
     out.push(slope(
         Column::linear(Effect::Restitution, "coefficient", bounce, 0.3)
-            .with_slack(sigma(B::Bounce).max(0.03)),
+            .with_slack(sigma(B::Bounce)),
         b(B::Bounce),
-        0.1,
     ));
-    out.push(slope(
-        Column::nuisance(sigma(B::Erp).max(0.05)),
-        b(B::Erp),
-        0.05,
-    ));
+    out.push(slope(Column::nuisance(sigma(B::Erp).max(0.05)), b(B::Erp)));
     out.push(slope(
         Column::nuisance(sigma(B::Gradient).max(0.01)),
         b(B::Gradient),
-        0.05,
     ));
     for (shape, [cos, sin]) in [
         [B::AnisotropyCos, B::AnisotropySin],
@@ -106,20 +114,19 @@ pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
             out.push(slope(
                 column.shaped(shape, &[("less", shape as f64)]),
                 b(at),
-                0.2,
             ));
         }
     }
     for (shape, m) in [0.004, 0.01, 0.03].into_iter().enumerate() {
         out.push(whole(
-            Column::played(Effect::TorsionalFriction, "coefficient_m", 0.0, m, shape)
-                .with_slack(if shape == 1 { 1.2 } else { 0.0 }),
+            Column::played(Effect::TorsionalFriction, "coefficient_m", 0.0, m, shape),
             vec![(b(B::Torsion), m)],
         ));
     }
     for (key, at) in [("roll_rad", B::Roll), ("pitch_rad", B::Pitch)] {
-        let column = Column::linear(Effect::GroundSlope, key, 0.0, 0.1).with_slack(0.003);
-        out.push(slope(column, b(at), 0.01).loading());
+        // Three degrees.
+        let column = Column::linear(Effect::GroundSlope, key, 0.0, 0.05);
+        out.push(slope(column, b(at)).loading());
     }
     for (shape, (give, damping)) in [(1e-4, 50.0), (5e-4, 50.0), (2e-3, 30.0)]
         .into_iter()
@@ -127,9 +134,7 @@ pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
     {
         let fixed = [("damping_n_s_m", damping)];
         out.push(whole(
-            // Contacts of other engines give by 5e-5 m/N (MuJoCo's default, see `body::contacts`).
             Column::played(Effect::GroundCompliance, "give_m_n", 0.0, give, shape)
-                .with_slack(if shape == 0 { 0.5 } else { 0.0 })
                 .shaped(shape, &fixed),
             vec![
                 (b(B::GroundGive), give),
@@ -139,14 +144,14 @@ pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
     }
     for (key, at) in [("x_m", B::ComX), ("y_m", B::ComY), ("z_m", B::ComZ)] {
         let column = Column::linear(Effect::ComOffset, key, 0.0, 0.02).with_slack(sigma(at));
-        out.push(slope(column, b(at), 0.005).loading());
+        out.push(slope(column, b(at)).loading());
     }
     let half = model.parameter(Key::Mass1);
     for body in 0..7 {
         let column = Column::linear(Effect::Mass, "added_kg", 0.0, 0.3)
             .with_slack(half.tolerance)
             .shaped(10 + body, &[("body", body as f64)]);
-        out.push(slope(column, b(B::Heavy) + body, 0.05).loading());
+        out.push(slope(column, b(B::Heavy) + body).loading());
     }
     connector(&mut out);
     joints(&mut out, link_measured);
@@ -156,8 +161,7 @@ pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
 fn connector(out: &mut Vec<Move>) {
     for (shape, give) in [0.004, 0.012, 0.04, 0.12].into_iter().enumerate() {
         out.push(whole(
-            Column::played(Effect::ConnectorCompliance, "give_rad_nm", 0.0, give, shape)
-                .with_slack(if shape == 0 { 0.5 } else { 0.0 }),
+            Column::played(Effect::ConnectorCompliance, "give_rad_nm", 0.0, give, shape),
             vec![(B::ConnectorGive as usize, give)],
         ));
     }
@@ -172,25 +176,19 @@ fn connector(out: &mut Vec<Move>) {
 /// Conventions and transmissions that only the body shows.
 fn joints(out: &mut Vec<Move>, link_measured: bool) {
     for k in 0..JOINTS {
-        let offset = Column::linear(Effect::JointOffset, "offset_rad", 0.0, 0.1)
-            .with_slack(0.003)
-            .shaped(100, &[]);
-        out.push(slope(offset.of_joint(k), of_joint(k, OFFSET), 0.01));
-        let ratio = Column::linear(Effect::JointScale, "ratio", 1.0, 0.1)
-            .with_slack(0.004)
-            .shaped(100, &[]);
-        out.push(slope(ratio.of_joint(k), of_joint(k, RATIO), 0.02));
+        let offset = Column::linear(Effect::JointOffset, "offset_rad", 0.0, 0.1).shaped(100, &[]);
+        out.push(slope(offset.of_joint(k), of_joint(k, OFFSET)));
+        let ratio = Column::linear(Effect::JointScale, "ratio", 1.0, 0.1).shaped(100, &[]);
+        out.push(slope(ratio.of_joint(k), of_joint(k, RATIO)));
         if link_measured {
             continue;
         }
         for (shape, play) in [0.006, 0.015, 0.035, 0.08].into_iter().enumerate() {
-            let column = Column::played(Effect::Backlash, "half_width_rad", 0.0, play, shape)
-                .with_slack(if shape == 0 { 0.25 } else { 0.0 });
+            let column = Column::played(Effect::Backlash, "half_width_rad", 0.0, play, shape);
             out.push(whole(column.of_joint(k), vec![(of_joint(k, PLAY), play)]));
         }
         for (shape, flex) in [0.01, 0.04].into_iter().enumerate() {
-            let column = Column::played(Effect::Compliance, "give_rad_nm", 0.0, flex, shape)
-                .with_slack(if shape == 0 { 0.2 } else { 0.0 });
+            let column = Column::played(Effect::Compliance, "give_rad_nm", 0.0, flex, shape);
             out.push(whole(column.of_joint(k), vec![(of_joint(k, FLEX), flex)]));
         }
     }
@@ -242,8 +240,8 @@ pub(in crate::whole) fn block(
         .enumerate()
         .map(|(i, m)| {
             // What is there already is taken away, so that the errors with and without it are as they are played.
-            let within = start.iter().find(|x| x.0 == i && x.1.abs() > 1e-9);
-            let step = within.map_or(m.step, |x| -x.1);
+            let within = start.iter().find(|x| x.0 == i);
+            let step = m.step_from(within.map_or(0.0, |x| x.1));
             let there = flat(&tier.whitened(&m.from(theta, step)));
             // Residuals are simulated less measured.
             y0.iter().zip(&there).map(|(a, b)| (b - a) / step).collect()
@@ -264,6 +262,7 @@ pub(in crate::whole) fn block(
         stage: Stage::Body,
         joint: None,
         blind: false,
+        coarse: false,
     };
     let columns = moves.iter().map(|m| m.column.clone()).collect();
     White::whitened(site, columns, &[segment], [1.0, before])

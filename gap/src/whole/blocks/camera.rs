@@ -152,6 +152,7 @@ pub(in crate::whole) fn block(tier: &Tier, coordinates: &[Coordinate]) -> White 
         stage: Stage::Camera,
         joint: None,
         blind: false,
+        coarse: false,
     };
     let segment = Segment {
         weight: vec![1.0; y.len()],

@@ -227,6 +227,7 @@ pub(in crate::whole) fn raw(
             stage: Stage::Driver,
             joint: Some(joint),
             blind: false,
+            coarse: false,
         },
         columns,
         segments,
@@ -257,6 +258,7 @@ mod tests {
                 max_torque_nm: 4.8,
                 torque_tolerance_nm: 0.3,
                 damping_nm_s_rad: 0.0,
+                damping_tolerance_nm_s_rad: 0.0,
                 winding_ohm: 0.0,
                 nm_per_a: 4.3,
             },
@@ -325,7 +327,7 @@ mod tests {
     /// Effects and sizes, and coefficients, around the coefficients `start`.
     fn searched(inputs: &[Input<'_>], start: &[(usize, f64)]) -> (Named, Vec<(usize, f64)>) {
         let white = White::new(raw(0, inputs, &known(), start).expect("long enough"), 6);
-        let by = white.tempering(0.12);
+        let by = white.tempering(0.12, 0.0);
         let slack: Vec<f64> = white.columns.iter().map(|c| c.slack).collect();
         let blocks = [white.without_nuisances(&slack, by)];
         let all = causes(&blocks, &[], &[]);
@@ -334,7 +336,7 @@ mod tests {
             causes: &all,
             always: &[],
         };
-        let found = problem.search(6.0, 3);
+        let found = problem.search(&vec![6.0; all.len()], 3);
         let posterior = problem.posterior(&found.best.members);
         let members = found.best.members.iter().zip(&posterior.first);
         let named = members

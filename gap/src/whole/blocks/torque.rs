@@ -19,8 +19,6 @@ const SLOW_RAD_S: f64 = 0.1;
 const STRIBECK_RAD_S: [f64; 4] = [0.03, 0.06, 0.12, 0.25];
 /// Periods of a ripple per turn.
 const PERIODS: usize = 24;
-/// Share of the loads that another contact law puts elsewhere, as a function of the pose with one period a turn.
-const POSE: f64 = 0.15;
 /// Inertia that a ratio of 1 stands for, kg m2: half of the robot about a joint.
 pub(in crate::whole) const INERTIA_KG_M2: f64 = 0.02;
 
@@ -40,14 +38,23 @@ pub(in crate::whole) struct Input<'a> {
     pub(in crate::whole) body_at: Vec<f64>,
     /// Step of these grids, s.
     pub(in crate::whole) load_step_s: f64,
+    /// What may be wrong about the torque, each with its change of `motor less load` at an instant.
+    pub(in crate::whole) electrical: Vec<Along<'a>>,
 }
+
+/// A column and its change of the errors per coefficient, at an instant and under the load there.
+pub(in crate::whole) type Along<'a> = (Column, Box<dyn Fn(f64, f64) -> f64 + 'a>);
 
 /// What is known of a joint.
 pub(in crate::whole) struct Known {
     /// Damping of the nominal joint, N m s/rad.
     pub(in crate::whole) damping_nm_s: f64,
+    /// Its tolerance, N m s/rad.
+    pub(in crate::whole) tolerance_nm_s: f64,
     /// No pose of the base was recorded.
     pub(in crate::whole) blind: bool,
+    /// Duties alone tell the torque.
+    pub(in crate::whole) coarse: bool,
     /// Parameters of the body behind [`Input::body_nm`].
     pub(in crate::whole) body: Vec<Column>,
 }
@@ -91,17 +98,15 @@ fn term(column: Column, of: impl Fn(&Row) -> f64 + 'static) -> Term {
 }
 
 /// Friction in the gear.
-fn friction(damping_nm_s: f64, sense: f64) -> Vec<Term> {
+fn friction([damping_nm_s, tolerance_nm_s]: [f64; 2], sense: f64) -> Vec<Term> {
     let mut out = vec![
         term(
-            Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 0.5)
-                .with_slack(0.02)
-                .at_least_neutral(),
+            Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 0.5).at_least_neutral(),
             |r| r.side,
         ),
         term(
             Column::linear(Effect::ViscousFriction, "nm_s_rad", 0.0, 0.5)
-                .with_slack(0.02)
+                .with_slack(tolerance_nm_s)
                 .at_least_neutral(),
             |r| r.v,
         ),
@@ -117,9 +122,7 @@ fn friction(damping_nm_s: f64, sense: f64) -> Vec<Term> {
             |r| r.v / libm::hypot(r.v, SLOW_RAD_S),
         ),
         term(
-            Column::linear(Effect::LoadDependentFriction, "fraction", 0.0, 0.3)
-                .with_slack(0.01)
-                .at_least_neutral(),
+            Column::linear(Effect::LoadDependentFriction, "fraction", 0.0, 0.3).at_least_neutral(),
             |r| r.load.abs() * r.side,
         ),
         term(
@@ -129,7 +132,7 @@ fn friction(damping_nm_s: f64, sense: f64) -> Vec<Term> {
             |r| r.load.abs() * r.v / libm::hypot(r.v, SLOW_RAD_S),
         ),
         term(
-            Column::linear(Effect::AsymmetricFriction, "difference_nm", 0.0, 0.4).with_slack(0.02),
+            Column::linear(Effect::AsymmetricFriction, "difference_nm", 0.0, 0.4),
             |r| 0.5 * r.side * r.side,
         ),
         term(
@@ -166,18 +169,13 @@ fn friction(damping_nm_s: f64, sense: f64) -> Vec<Term> {
 }
 
 /// What repeats with the turn.
-fn ripple(load_nm: f64) -> Vec<Term> {
+fn ripple() -> Vec<Term> {
     (1..=PERIODS)
         .flat_map(|n| {
             let of = n as f64;
             let fixed = [("periods", of)];
-            // What contacts share hangs on the pose, the more the slower it changes with it.
-            let slack = POSE * load_nm / of;
-            let column = |key| {
-                Column::linear(Effect::TorqueRipple, key, 0.0, 0.2)
-                    .shaped(n, &fixed)
-                    .with_slack(slack)
-            };
+            let column =
+                |key| Column::linear(Effect::TorqueRipple, key, 0.0, 0.2).shaped(n, &fixed);
             // The ripple helps the motor: what it gives the motor need not.
             [
                 term(column("sine_nm"), move |r: &Row| -libm::sin(of * r.q)),
@@ -188,7 +186,7 @@ fn ripple(load_nm: f64) -> Vec<Term> {
 }
 
 /// Shapes that no effect has: friction by place, friction and torque by time, a spring to the housing.
-fn open(length_s: f64, middle_rad: f64, load_nm: f64) -> Vec<Term> {
+fn open(length_s: f64, middle_rad: f64) -> Vec<Term> {
     let mut out = vec![
         term(Column::open(0, 0.3), move |r| {
             r.side * (r.t_s / length_s - 0.5)
@@ -206,7 +204,6 @@ fn open(length_s: f64, middle_rad: f64, load_nm: f64) -> Vec<Term> {
         }));
     }
     for (i, c) in out.iter_mut().enumerate().skip(3) {
-        c.0.slack = 0.5 * POSE * load_nm / (1.0 + ((i - 3) / 2) as f64);
         c.0.parameter.key = if i % 2 == 1 { "sine_nm" } else { "cosine_nm" };
     }
     out
@@ -233,6 +230,15 @@ fn sense(inputs: &[Input<'_>], damping_nm_s: f64) -> f64 {
     }
 }
 
+/// Torque less load and nominal damping, N m; no number where no torque was measured.
+fn errors(rows: &[Row], input: &Input<'_>, damping_nm_s: f64) -> Vec<f64> {
+    let one = |r: &Row| {
+        let effort = input.effort.line(r.t_s, HALF_S).map_or(f64::NAN, |l| l.0);
+        effort - r.load - damping_nm_s * r.v
+    };
+    rows.iter().map(one).collect()
+}
+
 /// The block of joint `joint`; `None` without a run that is long enough.
 pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -> Option<Raw> {
     let mut columns = Vec::new();
@@ -242,22 +248,15 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
         .map(|i| crate::math::mean(&i.position.v))
         .collect();
     let middle = crate::math::mean(&middles);
-    let all: Vec<f64> = inputs
-        .iter()
-        .flat_map(|i| i.load_nm[0].iter().copied())
-        .collect();
-    let load_nm = crate::math::rms(&all);
     let sense = sense(inputs, known.damping_nm_s);
     for input in inputs {
         let rows = rows(input);
         let Some(last) = rows.last() else { continue };
-        let mut terms = friction(known.damping_nm_s, sense);
-        terms.extend(ripple(load_nm));
-        terms.extend(open(last.t_s.max(1.0), middle, load_nm));
+        let mut terms = friction([known.damping_nm_s, known.tolerance_nm_s], sense);
+        terms.extend(ripple());
+        terms.extend(open(last.t_s.max(1.0), middle));
         terms.push(term(
-            Column::linear(Effect::Inertia, "ratio", 1.0, 5.0)
-                .with_slack(0.1)
-                .at_least_neutral(),
+            Column::linear(Effect::Inertia, "ratio", 1.0, 5.0).at_least_neutral(),
             |r| INERTIA_KG_M2 * r.a,
         ));
         // Several contacts share a load in more ways than one.
@@ -265,19 +264,13 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
         let step = input.load_step_s;
         let along =
             |grid: &[f64]| -> Vec<f64> { rows.iter().map(|r| on(grid, step, r.t_s)).collect() };
-        let y: Vec<f64> = rows
-            .iter()
-            .map(|r| {
-                let effort = input.effort.line(r.t_s, HALF_S).map_or(f64::NAN, |l| l.0);
-                effort - r.load - known.damping_nm_s * r.v
-            })
-            .collect();
+        let y = errors(&rows, input, known.damping_nm_s);
         let mut x: Vec<Vec<f64>> = terms
             .iter()
             .map(|(_, of)| rows.iter().map(of).collect())
             .collect();
         columns = terms.into_iter().map(|t| t.0).collect();
-        columns.push(Column::linear(Effect::GravityLoad, "ratio", 1.0, 0.5).with_slack(0.02));
+        columns.push(Column::linear(Effect::GravityLoad, "ratio", 1.0, 0.5));
         x.push(along(input.gravity_nm));
         for other in &input.load_nm[1..] {
             columns.push(Column::nuisance(0.7));
@@ -289,6 +282,10 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
                     .map(|(a, b)| a - b)
                     .collect(),
             );
+        }
+        for (column, of) in &input.electrical {
+            columns.push(column.clone());
+            x.push(rows.iter().map(|r| of(r.t_s, r.load)).collect());
         }
         for (column, grid) in known.body.iter().zip(&input.body_nm) {
             columns.push(column.clone());
@@ -320,6 +317,7 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
             stage: Stage::Drivetrain,
             joint: Some(joint),
             blind: known.blind,
+            coarse: known.coarse,
         },
         columns,
         segments,

@@ -37,12 +37,8 @@ struct Row {
 
 fn columns() -> Vec<Column> {
     let mut out = vec![
-        Column::linear(Effect::JointOffset, "offset_rad", 0.0, 0.1)
-            .with_slack(0.001)
-            .shaped(LINK, &[]),
-        Column::linear(Effect::JointScale, "ratio", 1.0, 0.1)
-            .with_slack(0.002)
-            .shaped(LINK, &[]),
+        Column::linear(Effect::JointOffset, "offset_rad", 0.0, 0.1).shaped(LINK, &[]),
+        Column::linear(Effect::JointScale, "ratio", 1.0, 0.1).shaped(LINK, &[]),
         Column::linear(Effect::Backlash, "half_width_rad", 0.0, 0.03)
             .shaped(LINK, &[])
             .at_least_neutral(),
@@ -109,6 +105,7 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>]) -> Option<Raw> {
             stage: Stage::Transmission,
             joint: Some(joint),
             blind: false,
+            coarse: false,
         },
         columns,
         segments,
@@ -152,7 +149,7 @@ mod tests {
             causes: &all,
             always: &[],
         };
-        let found = problem.search(6.0, 3);
+        let found = problem.search(&vec![6.0; all.len()], 3);
         let posterior = problem.posterior(&found.best.members);
         let members = found.best.members.iter().zip(&posterior.first);
         members

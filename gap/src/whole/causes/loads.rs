@@ -82,7 +82,7 @@ impl Loads {
                     column.owner = Owner::Robot;
                 }
                 let at = start.iter().find(|s| s.0 == i).map_or(0.0, |s| s.1);
-                let step = if at.abs() > 1e-9 { -at } else { m.step };
+                let step = m.step_from(at);
                 let change = difference(&play(&m.from(theta, step)), &here, step);
                 (column, change, at)
             })

@@ -20,6 +20,7 @@ pub(super) fn sure(effect: Effect, joint: Option<usize>, key: &'static str) -> W
         stage: effect.stage(),
         joint,
         blind: false,
+        coarse: false,
     };
     let column = Column::linear(effect, key, 0.0, 1.0).shaped(SHAPE, &[]);
     White::whitened(site, vec![column], &[segment], [1.0, SURE])
@@ -43,6 +44,7 @@ pub(super) fn reading(r: &Reading, neutral: f64) -> White {
         stage: r.effect.stage(),
         joint: r.joint,
         blind: false,
+        coarse: false,
     };
     let column = Column::linear(r.effect, r.key, neutral, sd).shaped(SHAPE, &[]);
     White::whitened(site, vec![column], &[segment], [1.0, off.abs() / error])

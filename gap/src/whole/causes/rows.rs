@@ -57,8 +57,25 @@ pub struct Row {
     pub p_value: f64,
     /// Evidence that it adds: logarithm of the likelihood ratio, priors included.
     pub evidence: f64,
+    /// Evidence that a cause of its effect must add.
+    pub asked: f64,
     /// Nearest others.
     pub alternatives: Vec<Alternative>,
+}
+
+/// The cause that comes nearest to what is asked of it and is not named.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Nearest {
+    /// Effect; `null` is a shape that no effect of the library has.
+    pub effect: Option<&'static str>,
+    /// Who would have it.
+    pub scope: Scope,
+    /// Joints.
+    pub joints: Vec<usize>,
+    /// Evidence that it would add.
+    pub evidence: f64,
+    /// Evidence that a cause of its effect must add.
+    pub asked: f64,
 }
 
 /// Probabilities of the answers that are no effects.
@@ -97,9 +114,9 @@ pub struct Causes {
     pub causes: Vec<Row>,
     /// None and unknown.
     pub probabilities: Probabilities,
-    /// Evidence that a cause must add, and the robots without a cause that it comes from.
-    pub least_evidence: f64,
-    /// How many.
+    /// What is not named and comes nearest.
+    pub nearest: Option<Nearest>,
+    /// How many robots without a cause say what a cause must add.
     pub null_robots: usize,
 }
 
@@ -264,7 +281,7 @@ impl Explained {
                 let alternatives = alternatives(&self.causes, cause, &self.found.rivals[i]);
                 let others: f64 = alternatives.iter().map(|a| libm::exp(-a.margin)).sum();
                 let evidence = self.found.gains[i];
-                let p_value = calibration.p_value(evidence);
+                let p_value = calibration.p_value(cause.effect, evidence);
                 let kind = match cause.effect {
                     None => "open",
                     Some(e) if e.is_base() => "parametric",
@@ -280,6 +297,7 @@ impl Explained {
                     probability: (1.0 - p_value) / (1.0 + others),
                     p_value,
                     evidence,
+                    asked: calibration.ask(cause.effect),
                     alternatives,
                 }
             })
@@ -291,9 +309,11 @@ impl Explained {
             Some(_) if rows.iter().all(|r| r.kind == "parametric") => Word::Parametric,
             Some(_) => Word::PartlyExplained,
         };
-        let next = self.found.next.map_or(0.0, |n| n.1);
+        let next = self.found.next;
         let none = if rows.is_empty() {
-            calibration.p_value(next).min(1.0)
+            next.map_or(1.0, |(c, adds)| {
+                calibration.p_value(self.causes[c].effect, adds)
+            })
         } else {
             0.0
         };
@@ -305,7 +325,16 @@ impl Explained {
             sentence: sentence(word, &rows),
             causes: rows,
             probabilities: Probabilities { none, unknown },
-            least_evidence: calibration.least(),
+            nearest: next.map(|(c, evidence)| {
+                let cause = &self.causes[c];
+                Nearest {
+                    effect: cause.effect.map(Effect::name),
+                    scope: cause.scope,
+                    joints: cause.joints.clone(),
+                    evidence,
+                    asked: calibration.ask(cause.effect),
+                }
+            }),
             null_robots: calibration.strongest.len(),
         }
     }

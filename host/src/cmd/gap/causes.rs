@@ -145,28 +145,36 @@ impl Answer {
     }
 
     fn text(&self) -> String {
-        let (sentence, rows, least, nulls, what) = match self {
-            Self::Joint(f) => (
-                &f.sentence,
-                &f.causes,
-                f.least_evidence,
-                f.null_joints,
-                "joints",
-            ),
-            Self::Robot(f) => (
-                &f.sentence,
-                &f.causes,
-                f.least_evidence,
-                f.null_robots,
-                "robots",
-            ),
-        };
-        let mut out = text(sentence, rows);
-        let _ = writeln!(
-            out,
-            "\nA cause is named from an evidence of {least:.1}, which {nulls} {what} without a cause do not reach."
-        );
-        out
+        match self {
+            Self::Joint(f) => {
+                let mut out = text(&f.sentence, &f.causes);
+                let _ = writeln!(
+                    out,
+                    "\nA cause is named from an evidence of {:.1}, which {} joints without a cause do not reach.",
+                    f.least_evidence, f.null_joints
+                );
+                out
+            }
+            Self::Robot(f) => {
+                let mut out = text(&f.sentence, &f.causes);
+                if let Some(near) = &f.nearest {
+                    let what = name(near.effect);
+                    let _ = writeln!(
+                        out,
+                        "\nNearest of what is not named: {what} ({}), evidence {:.1} of {:.1}.",
+                        joints(&near.joints),
+                        near.evidence,
+                        near.asked
+                    );
+                }
+                let _ = writeln!(
+                    out,
+                    "{} robots without a cause say how much evidence a cause of each effect needs.",
+                    f.null_robots
+                );
+                out
+            }
+        }
     }
 }
 
@@ -259,17 +267,17 @@ pub(super) fn calibrate(args: &CalibrateArgs, context: &Context) -> Outcome {
     Ok(())
 }
 
-fn name(row: &Row) -> String {
-    let effect = row.effect.and_then(Effect::from_name);
-    let other = row.effect.unwrap_or("no effect of the library");
+fn name(effect: Option<&str>) -> String {
+    let other = effect.unwrap_or("a shape that no effect of the library has");
+    let effect = effect.and_then(Effect::from_name);
     effect.map_or_else(|| other.replace('_', " "), |e| e.plain().to_owned())
 }
 
-fn joints(row: &Row) -> String {
-    if row.joints.is_empty() {
+fn joints(of: &[usize]) -> String {
+    if of.is_empty() {
         return "the robot".into();
     }
-    let list: Vec<String> = row.joints.iter().map(ToString::to_string).collect();
+    let list: Vec<String> = of.iter().map(ToString::to_string).collect();
     format!("joint {}", list.join(", "))
 }
 
@@ -279,12 +287,13 @@ fn text(sentence: &str, rows: &[Row]) -> String {
     for row in rows {
         let _ = write!(
             out,
-            "\n{} ({})\n  probability {:.2}, by chance {:.3}, evidence {:.1}\n",
-            name(row),
-            joints(row),
+            "\n{} ({})\n  probability {:.2}, by chance {:.3}, evidence {:.1} of {:.1}\n",
+            name(row.effect),
+            joints(&row.joints),
             row.probability,
             row.p_value,
-            row.evidence
+            row.evidence,
+            row.asked
         );
         for (key, value) in &row.values {
             let [low, high] = value.ci95;

@@ -19,6 +19,10 @@ const SPEEDS_RAD_S: [f64; 21] = [
     0.77, 0.92, 1.11, 1.33, 1.6, 1.92, 2.3,
 ];
 
+/// Numbers of the shapes that no effect has: of the servo's own, not of the drivetrain's.
+const DRIFT: usize = 300;
+const LOPSIDED: usize = 301;
+
 /// What a column changes about the servo; the coefficient of a played shape is the share of its size.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Change {
@@ -91,12 +95,12 @@ fn conventions(known: &Known) -> Vec<Shape> {
     let speed = known.speed_tolerance.max(0.01);
     let mut out = vec![
         shape(
-            Column::linear(Effect::JointOffset, "offset_rad", 0.0, 0.1).with_slack(0.001),
+            Column::linear(Effect::JointOffset, "offset_rad", 0.0, 0.1),
             Change::Offset,
             0.01,
         ),
         shape(
-            Column::linear(Effect::JointScale, "ratio", 1.0, 0.15).with_slack(0.002),
+            Column::linear(Effect::JointScale, "ratio", 1.0, 0.15),
             Change::Scale,
             0.01,
         ),
@@ -144,7 +148,7 @@ fn transport(known: &Known, out: &mut Vec<Shape>) {
     }
     if !known.echoed {
         let column = Column::linear(Effect::ClockSkew, "ratio", 1.0, 0.005);
-        let column = column.with_slack(5e-5).of_robot();
+        let column = column.of_robot();
         out.push(shape(column, Change::Clock, 0.002));
     }
 }
@@ -163,16 +167,8 @@ fn driver(known: &Known, out: &mut Vec<Shape>) {
         let column = Column::played(Effect::MotorLag, "time_constant_s", 0.0, lag, i);
         out.push(shape(column, Change::Lag(lag), 1.0));
     }
-    out.push(shape(
-        Column::open(0, 0.005).with_slack(1e-4),
-        Change::Drift,
-        0.001,
-    ));
-    out.push(shape(
-        Column::open(1, 0.3).with_slack(0.02),
-        Change::Lopsided,
-        0.1,
-    ));
+    out.push(shape(Column::open(DRIFT, 0.005), Change::Drift, 0.001));
+    out.push(shape(Column::open(LOPSIDED, 0.3), Change::Lopsided, 0.1));
     let most = known.nominal.max_speed_rad_s;
     let within = 1.0 - 3.0 * known.speed_tolerance;
     let limits = SPEEDS_RAD_S.into_iter().enumerate();
