@@ -110,12 +110,17 @@ pub(super) fn angles(run: &Run, from_s: f64, samples: usize) -> Option<Vec<f64>>
 
 /// Windows of `duration_s` every `every_s` over all runs that allow it. Without a base pose one window spans each run, from home.
 pub(super) fn cut(data: &Data, duration_s: f64, every_s: f64) -> Vec<Window> {
+    cut_from(data, duration_s, every_s, 0.0)
+}
+
+/// The same, the first windows being `offset_s` late; a run without a pose of the base is one window.
+pub(super) fn cut_from(data: &Data, duration_s: f64, every_s: f64, offset_s: f64) -> Vec<Window> {
     let mut out = Vec::new();
     for (r, run) in data.runs.iter().enumerate() {
         let (duration_s, mut from_s, end) = match &run.base {
             Some(b) => (
                 duration_s,
-                b.t_s[0].max(0.0) + 0.05,
+                b.t_s[0].max(0.0) + 0.05 + offset_s,
                 b.t_s[b.t_s.len() - 1].min(run.length_s),
             ),
             None => (run.length_s, 0.0, run.length_s),

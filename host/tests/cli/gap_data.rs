@@ -99,6 +99,28 @@ fn a_latency_that_all_joints_share_is_one_cause() {
 }
 
 #[test]
+fn a_weight_that_nobody_stated_is_found_in_its_body() {
+    let folder = Folder::new("weight");
+    let made = [
+        "make-case",
+        "com_offset:-0.012,0.012,0.015",
+        "--gaits",
+        "4",
+        "--effort",
+        "-o",
+        "./heavy",
+    ];
+    trials(&folder, &made).expect("a case");
+    let found = rb(&folder, &["--json", "gap", "causes", "heavy"])
+        .expect(0)
+        .json();
+    assert_eq!(found["causes"][0]["effect"], "com_offset", "{found}");
+    assert!(found["causes"][0]["evidence"].as_f64() > found["causes"][0]["asked"].as_f64());
+    // A robot without a cause comes near to something, too.
+    assert!(found["nearest"]["evidence"].is_number(), "{found}");
+}
+
+#[test]
 fn a_robot_without_a_cause_has_none_and_few_of_them_calibrate_nothing() {
     let folder = Folder::new("nulls");
     let made = ["make-case", "none", "--gaits", "3", "-o", "./nulls/one"];
