@@ -54,6 +54,11 @@ pub(in crate::whole) struct Signals<'a> {
     pub(in crate::whole) bus_v: Option<&'a Track>,
 }
 
+/// Whether a duty shows what it does between two set-points; else its means are of whatever instants the rows hit.
+fn resolved(duty: &Track) -> bool {
+    duty.period_s() <= COARSE_S
+}
+
 fn mean(track: &Track, t_s: f64) -> Option<f64> {
     track.line(t_s, HALF_S).map(|l| l.0)
 }
@@ -105,7 +110,7 @@ impl Signals<'_> {
 
     /// Torque of the motor where only its duty tells it, on the instants of the duty, N m.
     pub(in crate::whole) fn torque_of_duty(&self, motor: &Motor) -> Option<Track> {
-        let duty = self.duty?;
+        let duty = self.duty.filter(|d| resolved(d))?;
         let mut out = Track::default();
         for t in &duty.t_s {
             if let Some(i) = self.ampere(motor, *t) {
@@ -206,12 +211,11 @@ pub(in crate::whole) fn duties(
     columns.extend(battery(motor));
     let [k, ohm] = [motor.nm_per_a[0], motor.winding_ohm[0]];
     let mut segments = Vec::new();
-    let mut coarse = false;
     for (s, drawn) in runs {
-        let Some(duty) = s.duty.filter(|_| s.current.is_some() || s.effort.is_some()) else {
+        let heard = s.current.is_some() || s.effort.is_some();
+        let Some(duty) = s.duty.filter(|d| heard && resolved(d)) else {
             continue;
         };
-        coarse |= duty.period_s() > COARSE_S;
         let mut segment = Segment {
             x: vec![Vec::new(); columns.len()],
             ..Segment::default()
@@ -246,7 +250,7 @@ pub(in crate::whole) fn duties(
         }
         segments.push(segment);
     }
-    block((joint, coarse), columns, segments, LEAST_DUTY)
+    block(joint, columns, segments, LEAST_DUTY)
 }
 
 /// The block of joint `joint` in newton metres; `None` where current or torque was not recorded.
@@ -283,21 +287,16 @@ pub(in crate::whole) fn torques(
         }
         segments.push(segment);
     }
-    block((joint, false), columns, segments, LEAST_NM)
+    block(joint, columns, segments, LEAST_NM)
 }
 
-fn block(
-    (joint, coarse): (usize, bool),
-    columns: Vec<Column>,
-    segments: Vec<Segment>,
-    floor: f64,
-) -> Option<Raw> {
+fn block(joint: usize, columns: Vec<Column>, segments: Vec<Segment>, floor: f64) -> Option<Raw> {
     (!segments.is_empty()).then_some(Raw {
         site: Site {
             stage: Stage::Electrical,
             joint: Some(joint),
             blind: false,
-            coarse,
+            coarse: false,
         },
         columns,
         segments,
@@ -414,7 +413,16 @@ mod tests {
             let t = f64::from(n) * ROW_S;
             let w = 0.9 * crate::math::sin(1.4 * t) + 0.4 * crate::math::sin(3.1 * t);
             let q = -0.9 / 1.4 * libm::cos(1.4 * t) - 0.4 / 3.1 * libm::cos(3.1 * t);
-            let i = 0.3 * crate::math::sin(2.2 * t + 0.5) + 0.1;
+            // More waves than the whitening has terms.
+            let waves = [
+                (0.3, 2.2),
+                (0.15, 5.3),
+                (0.1, 9.1),
+                (0.1, 13.7),
+                (0.08, 17.9),
+            ];
+            let wave = |(size, speed)| size * crate::math::sin(speed * t + 0.5);
+            let i = 0.1 + waves.map(wave).iter().sum::<f64>();
             let needed = truth.winding_ohm * i + truth.nm_per_a * w;
             // V = V0 - R d i with d = needed / V.
             let power = needed * i;
