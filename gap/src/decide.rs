@@ -52,10 +52,11 @@ pub fn name(effect: Option<Effect>) -> &'static str {
     effect.map_or("open", Effect::name)
 }
 
-/// What searches of robots without a cause found: the null distribution of the strongest evidence. The evidence of
-/// each effect is taken in units of the tail that such robots have of it, so that an effect that is hard to tell from
-/// their differences asks more of itself and not of all others (the largest of standardised statistics: Westfall and
-/// Young 1993).
+/// What searches of robots without a cause found: the null distribution of the strongest evidence.
+///
+/// The evidence of each effect is taken in units of the tail that such robots have of it. An effect that is hard to tell
+/// from their differences asks more of itself, not of all others. The largest of standardised statistics has the level
+/// that is stated (Westfall and Young 1993).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
     /// Always `rb.calibration/3`.
