@@ -7,16 +7,11 @@ use crate::evidence::block::{Column, Raw, Segment, Site};
 use crate::vocabulary::{Effect, Stage};
 
 use super::super::data::Track;
-use super::torque::Along;
+use super::torque::{Along, HALF_S, LEAST_NM, STEP_S};
 
-/// Time between means that are compared, and half their width, s: as for torques ([`super::torque`]).
-const STEP_S: f64 = 0.04;
-const HALF_S: f64 = 0.05;
 /// What a mean duty may be off by: 1/2000; and a mean voltage, V: that of 12 V.
 const LEAST_DUTY: f64 = 5e-4;
 const LEAST_V: f64 = 0.006;
-/// What a mean torque may be off by, N m: the resolution of a current of 5 mA.
-const LEAST_NM: f64 = 0.02;
 /// Size of a change of a motor's constants where there is one, as a share: another winding of one series.
 const RATIO: f64 = 0.3;
 /// Size of a change of the supply, as a share of it: one cell of six.

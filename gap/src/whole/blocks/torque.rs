@@ -7,11 +7,11 @@ use super::super::data::Track;
 use super::on;
 
 /// Time between torques that are compared, s.
-const STEP_S: f64 = 0.04;
+pub(super) const STEP_S: f64 = 0.04;
 /// Half width of the lines that give torque and speed, s: a set-point's period is averaged.
-const HALF_S: f64 = 0.05;
+pub(super) const HALF_S: f64 = 0.05;
 /// What a torque may be off by from one instant to the next, N m: the resolution of a current of 5 mA.
-const LEAST_NM: f64 = 0.02;
+pub(super) const LEAST_NM: f64 = 0.02;
 /// Speed at which dry friction has turned over, rad/s: slower is what an encoder of 1 mrad shows over 0.1 s.
 const TURN_RAD_S: f64 = 0.02;
 const SLOW_RAD_S: f64 = 0.1;
