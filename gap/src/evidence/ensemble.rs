@@ -28,7 +28,7 @@ const FIRST_ERROR: f64 = 0.03;
 const BENT: f64 = 0.12;
 /// Model error of what causes explain of the base, in any one direction, as a share of its square: contacts and play of
 /// ours are not the robot's. Of most likelihood over what is left of development robots once their causes are in
-/// (emulator, seed 7; MuJoCo, seed 1); servos and gears of the same robots ask for none.
+/// (emulator, seed 7; MuJoCo, seed 1): six blocks, two of which weigh most. Servos and gears of the same robots ask for none.
 const OTHER_LAW: f64 = 3e-4;
 /// The model error is looked for again after so many passes, and this far around the last one.
 const AGAIN: usize = 5;

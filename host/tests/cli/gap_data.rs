@@ -99,8 +99,8 @@ fn a_latency_that_all_joints_share_is_one_cause() {
 }
 
 #[test]
-fn a_weight_that_nobody_stated_is_found_in_its_body() {
-    let folder = Folder::new("weight");
+fn a_centre_of_mass_that_is_off_is_named_first() {
+    let folder = Folder::new("centre");
     let made = [
         "make-case",
         "com_offset:-0.012,0.012,0.015",
