@@ -1,6 +1,6 @@
 //! Whitening: an autoregression fitted to what all columns together leave.
 
-use super::block::{Column, Segment, products};
+use super::block::{Column, Segment, products, root_mean_square};
 use super::linear::solve;
 
 /// Passes between coefficients and noise; the second changes little, the third nothing that counts.
@@ -8,6 +8,8 @@ const PASSES: usize = 3;
 /// Whitened errors beyond this many standard deviations count linearly (Huber 1981, 95 % efficiency at 1.345;
 /// wider, because rare blows are a part of the motion).
 const HUBER: f64 = 3.0;
+/// Least noise that the passes start from, as a share of the errors: where no floor is known.
+const LEAST: f64 = 1e-3;
 
 /// Coefficients of all columns at once under their priors: the fit that leaves least.
 fn saturated(segments: &[Segment], columns: &[Column]) -> Vec<f64> {
@@ -112,33 +114,35 @@ impl Whitening {
     /// The filter of what all `columns` together leave of the errors.
     #[must_use]
     pub fn fit(segments: &[Segment], columns: &[Column], order: usize, floor: f64) -> Self {
-        passes(segments, columns, order, floor).1
+        whiten(segments, columns, order, floor).1
     }
 }
 
-/// Errors and columns filtered to independent errors of size one, and the standard deviation of those errors in the
-/// unit of the signal.
-pub(super) fn whiten(
-    segments: &[Segment],
-    columns: &[Column],
-    order: usize,
-    floor: f64,
-) -> (Vec<Segment>, f64) {
-    let (out, white) = passes(segments, columns, order, floor);
-    (out, white.noise)
+/// Errors and columns of `segments`, filtered into `out`.
+fn whitened(out: &mut [Segment], segments: &[Segment], white: &Whitening) {
+    for (to, from) in out.iter_mut().zip(segments) {
+        to.y = white.apply(&from.y);
+        for (to, from) in to.x.iter_mut().zip(&from.x) {
+            *to = white.apply(from);
+        }
+    }
 }
 
-fn passes(
+/// Errors and columns filtered to independent errors of size one, and the filter.
+pub(super) fn whiten(
     segments: &[Segment],
     columns: &[Column],
     order: usize,
     floor: f64,
 ) -> (Vec<Segment>, Whitening) {
     let mut out = segments.to_vec();
+    // Errors as large as the floor at first: what columns explain is theirs, and the filter is fitted to the rest.
+    // From large errors the priors would hold the coefficients, and the filter would take the signal for noise.
     let mut white = Whitening {
         past: Vec::new(),
-        noise: 1.0,
+        noise: floor.max(LEAST * root_mean_square(segments)),
     };
+    whitened(&mut out, segments, &white);
     for _ in 0..PASSES {
         let theta = saturated(&out, columns);
         let left: Vec<(Vec<f64>, &[f64])> = segments
@@ -152,11 +156,8 @@ fn passes(
             past,
             noise: variance.max(1e-300).sqrt(),
         };
+        whitened(&mut out, segments, &white);
         for ((to, from), (left, _)) in out.iter_mut().zip(segments).zip(&left) {
-            to.y = white.apply(&from.y);
-            for (to, from) in to.x.iter_mut().zip(&from.x) {
-                *to = white.apply(from);
-            }
             let z = white.apply(left);
             for ((w, own), z) in to.weight.iter_mut().zip(&from.weight).zip(&z) {
                 *w = own * (HUBER / z.abs().max(HUBER));
@@ -185,9 +186,34 @@ mod tests {
             y,
             x: Vec::new(),
         };
-        let (white, noise) = whiten(&[segment], &[], 4, 0.0);
+        let (white, filter) = whiten(&[segment], &[], 4, 0.0);
+        let noise = filter.noise;
         assert!((noise - 0.1).abs() < 0.003, "{noise}");
         let r = autocovariance(&[(white[0].y.clone(), &white[0].weight)], 3);
         assert!(r[1..].iter().all(|x| x.abs() < 0.03), "{r:?}");
+    }
+
+    #[test]
+    fn a_slow_signal_is_its_columns_and_not_the_noise() {
+        let mut rng = Rng::new(4);
+        let wave: Vec<f64> = (0..3000)
+            .map(|i| crate::math::sin(0.05 * f64::from(i)))
+            .collect();
+        let segment = Segment {
+            y: wave
+                .iter()
+                .map(|w| 0.02 * w + 1e-3 * rng.normal())
+                .collect(),
+            x: vec![wave],
+            weight: vec![1.0; 3000],
+        };
+        let columns = [Column::open(0, 0.05)];
+        let (white, filter) = whiten(&[segment], &columns, 6, 5e-4);
+        let all = products(&white, 1);
+        let size = all[1] / all[0];
+        assert!((size - 0.02).abs() < 2e-3, "{size}");
+        assert!(filter.noise < 1.5e-3, "{}", filter.noise);
+        // Errors of 1e-3 over 3,000 rows know the size of the wave to 2.6e-5.
+        assert!(all[0].powf(-0.5) < 5e-5, "{}", all[0].powf(-0.5));
     }
 }

@@ -222,7 +222,7 @@ impl Tier {
             let mut trials = self.trials(theta);
             for (t, w) in trials.iter_mut().zip(&self.windows) {
                 let base = data.runs[w.run].base.as_ref();
-                windows::disturb(t, d, base.is_some_and(|b| b.reckoned.is_some()));
+                windows::disturb(t, d, 1.0, base.is_some_and(|b| b.reckoned.is_some()));
             }
             others.push(windows::run(&trials, &plain));
         }
@@ -466,6 +466,26 @@ impl Tier {
     /// Errors of every window in units of their tolerances.
     pub(super) fn whitened(&self, theta: &[f64]) -> Vec<[f64; NUMBERS]> {
         let outcomes = windows::run(&self.trials(theta), &windows::options(false));
+        let all = outcomes.iter().enumerate();
+        all.map(|(w, o)| self.whitened_of(w, o)).collect()
+    }
+
+    /// Errors of every window, started from elsewhere within the errors of a start; of side 1 from the other side of the
+    /// measured start than of side 0.
+    pub(in crate::whole) fn started_elsewhere(
+        &self,
+        theta: &[f64],
+        side: usize,
+    ) -> Vec<[f64; NUMBERS]> {
+        let mut trials = self.trials(theta);
+        for (w, trial) in trials.iter_mut().enumerate() {
+            let mut rng = math::Rng::new(w as u64);
+            for d in 0..STARTS {
+                let up = (rng.normal() > 0.0) == (side == 0);
+                windows::disturb(trial, d, if up { 1.0 } else { -1.0 }, self.sensed);
+            }
+        }
+        let outcomes = windows::run(&trials, &windows::options(false));
         let all = outcomes.iter().enumerate();
         all.map(|(w, o)| self.whitened_of(w, o)).collect()
     }

@@ -191,6 +191,9 @@ impl Asked<'_> {
             body: std::iter::once(mass)
                 .chain(loads.body.iter().map(|b| b.0.clone()))
                 .collect(),
+            body_at: std::iter::once(0.0)
+                .chain(loads.body.iter().map(|b| b.2))
+                .collect(),
         };
         let inputs: Vec<torque::Input<'_>> = self
             .runs
@@ -201,7 +204,6 @@ impl Asked<'_> {
                 let run = &self.data.runs[*r];
                 let heard = heard.as_ref()?;
                 let effort = effort(run, k, &motor).or_else(|| heard.torque_of_duty(&motor))?;
-                let load = &loads.makes[0][*r][k];
                 let electrical = match heard.effort {
                     Some(_) => Vec::new(),
                     None => electrical::of_torque(&motor, heard, drawn),
@@ -211,11 +213,9 @@ impl Asked<'_> {
                     effort,
                     load_nm: loads.makes.iter().map(|m| m[*r][k].as_slice()).collect(),
                     gravity_nm: &loads.gravity[*r][k],
-                    body_nm: std::iter::once(load.as_slice())
-                        .chain(loads.body.iter().map(|b| b.1[*r][k].as_slice()))
-                        .collect(),
-                    body_at: std::iter::once(0.0)
-                        .chain(loads.body.iter().map(|b| b.2))
+                    body_nm: std::iter::once(&loads.weight)
+                        .chain(loads.body.iter().map(|b| &b.1))
+                        .map(|c| [c.mean[*r][k].as_slice(), c.half[*r][k].as_slice()])
                         .collect(),
                     load_step_s: PERIOD_S,
                     electrical,

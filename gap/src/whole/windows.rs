@@ -192,11 +192,15 @@ impl Window {
     }
 }
 
-/// Errors of a start, one standard deviation. With the inertial sensor: residues of its lines through the tracked samples; angular
+/// Errors of a start, `by` standard deviations. With the inertial sensor: residues of its lines through the tracked samples; angular
 /// velocity as noisy as the gyro of a phone. Without: a robot that shakes turns otherwise than a parabola through 0.3 s.
-pub(super) fn disturb(trial: &mut Trial, which: usize, inertial: bool) {
-    let (m, rad) = (4e-4, if inertial { 2e-3 } else { 4e-3 });
+pub(super) fn disturb(trial: &mut Trial, which: usize, by: f32, inertial: bool) {
+    let (m, rad) = (
+        4e-4 * by,
+        f64::from(by) * if inertial { 2e-3 } else { 4e-3 },
+    );
     let (m_s, rad_s) = if inertial { (6e-3, 0.02) } else { (1e-2, 0.1) };
+    let (m_s, rad_s) = (m_s * by, rad_s * by);
     if let Start::State { base, twist, .. } = &mut trial.start {
         let k = which % 3;
         match which / 3 {

@@ -11,6 +11,10 @@ use super::super::body::{B, FLEX, NUMBERS, OFFSET, PLAY, RATIO, Tier, of_joint};
 use super::super::body_library::coordinates;
 use super::super::data::JOINTS;
 
+/// Plays of each change, and the shares of its step that they take: the whole one and half of it show a bend.
+pub(in crate::whole) const PLAYS: usize = 2;
+const SHARES: [f64; PLAYS] = [1.0, 0.5];
+
 /// A column of the body: what is moved, from where the coefficient counts.
 #[derive(Debug, Clone)]
 pub(in crate::whole) struct Move {
@@ -19,6 +23,8 @@ pub(in crate::whole) struct Move {
     pub(in crate::whole) along: Vec<(usize, f64)>,
     /// Coefficient over which the slope is taken.
     pub(in crate::whole) step: f64,
+    /// Shares of it over which slopes are taken.
+    pub(in crate::whole) shares: [f64; PLAYS],
     /// It moves the loads of the joints too.
     pub(in crate::whole) loads: bool,
 }
@@ -66,6 +72,7 @@ fn slope(column: Column, at: usize) -> Move {
         step: column.prior[1],
         column,
         along: vec![(at, 1.0)],
+        shares: SHARES,
         loads: false,
     }
 }
@@ -75,6 +82,7 @@ fn whole(column: Column, along: Vec<(usize, f64)>) -> Move {
         column,
         along,
         step: 1.0,
+        shares: [1.0; PLAYS],
         loads: false,
     }
 }
@@ -209,6 +217,20 @@ pub(in crate::whole) fn placed(
     out
 }
 
+/// Change of the errors per coefficient, by window: what two plays, each with its slope, have alike. The rest comes from
+/// feet that land earlier or later and from bends; a window in which that is all counts for nothing (James and Stein
+/// 1961).
+fn change([first, second]: &[Vec<[f64; NUMBERS]>; PLAYS]) -> Vec<[f64; NUMBERS]> {
+    let window = |(a, b): (&[f64; NUMBERS], &[f64; NUMBERS])| {
+        let mean: [f64; NUMBERS] = std::array::from_fn(|i| 0.5 * (a[i] + b[i]));
+        let square: f64 = mean.iter().map(|x| x * x).sum();
+        let error: f64 = a.iter().zip(b).map(|(a, b)| 0.25 * (a - b).powi(2)).sum();
+        let share = (1.0 - error / square.max(f64::MIN_POSITIVE)).max(0.0);
+        mean.map(|x| share * x)
+    };
+    first.iter().zip(second).map(window).collect()
+}
+
 /// The block of the base around the coefficients `start`; coefficients count from the neutral values.
 pub(in crate::whole) fn block(
     tier: &Tier,
@@ -235,6 +257,8 @@ pub(in crate::whole) fn block(
             .collect()
     };
     let y0 = flat(&here);
+    let beside: [Vec<[f64; NUMBERS]>; PLAYS] =
+        std::array::from_fn(|side| tier.started_elsewhere(theta, side));
     let x: Vec<Vec<f64>> = moves
         .par_iter()
         .enumerate()
@@ -242,11 +266,18 @@ pub(in crate::whole) fn block(
             // What is there already is taken away, so that the errors with and without it are as they are played.
             let within = start.iter().find(|x| x.0 == i);
             let step = m.step_from(within.map_or(0.0, |x| x.1));
-            let there = flat(&tier.whitened(&m.from(theta, step)));
-            // Residuals are simulated less measured.
-            y0.iter().zip(&there).map(|(a, b)| (b - a) / step).collect()
+            let slopes = |side: usize| {
+                let by = step * m.shares[side];
+                let there = tier.started_elsewhere(&m.from(theta, by), side);
+                let slope = |(a, b): (&[f64; NUMBERS], &[f64; NUMBERS])| {
+                    std::array::from_fn(|i| (b[i] - a[i]) / by)
+                };
+                beside[side].iter().zip(&there).map(slope).collect()
+            };
+            flat(&change(&std::array::from_fn(slopes)))
         })
         .collect();
+    // Residuals are simulated less measured.
     let mut y: Vec<f64> = y0.iter().map(|r| -r).collect();
     for (m, by) in start {
         y.iter_mut().zip(&x[*m]).for_each(|(y, x)| *y += by * x);
@@ -266,4 +297,23 @@ pub(in crate::whole) fn block(
     };
     let columns = moves.iter().map(|m| m.column.clone()).collect();
     White::whitened(site, columns, &[segment], [1.0, before])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_window_counts_by_what_two_plays_have_alike() {
+        let flat = |v: f64| [v; NUMBERS];
+        let mut one_sided = flat(0.0);
+        one_sided[3] = 8.0;
+        let first = vec![flat(2.0), one_sided, flat(2.0)];
+        let second = vec![flat(2.0), flat(0.0), flat(1.0)];
+        let both = change(&[first, second]);
+        assert_eq!(both[0], flat(2.0), "alike");
+        assert_eq!(both[1], flat(0.0), "a fall in one of them");
+        // Mean 1.5 with an error of 0.5: eight ninths.
+        assert!(both[2].iter().all(|x| (x - 1.5 * 8.0 / 9.0).abs() < 1e-12));
+    }
 }

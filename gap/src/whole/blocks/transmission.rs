@@ -110,6 +110,7 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>]) -> Option<Raw> {
         columns,
         segments,
         floor: LEAST_RAD,
+        noisy: Vec::new(),
     })
 }
 

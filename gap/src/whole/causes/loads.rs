@@ -15,10 +15,10 @@ use crate::whole::windows::{self, LinkMap, PERIOD_S};
 const WINDOW_S: f64 = 1.0;
 /// Time from one to the next, s: each load is the mean of five, because feet land earlier or later in each.
 const EVERY_S: f64 = 0.2;
-/// The same of the windows in which changes are played, and how much later they begin. The loads of these are no part of
-/// the errors: a column that shared their noise would explain it.
-const CHANGE_EVERY_S: f64 = 0.2;
-const LATER_S: f64 = 0.1;
+/// The same of the windows in which changes are played, twice, and how much later each begins. The loads of these are no
+/// part of the errors: a column that shared their noise would explain it.
+const CHANGE_EVERY_S: f64 = 0.4;
+const LATER_S: [f64; 2] = [0.1, 0.3];
 /// Creep of the other make of contacts, m/s per N (that of MuJoCo's default contact, see `body::contacts`).
 const CREEP_M_S_N: f64 = 0.002;
 
@@ -32,12 +32,43 @@ pub(super) struct Loads {
     /// The part that balances weight.
     pub(super) gravity: ByRun,
     /// Change per coefficient of the body's parameters, with their columns.
-    pub(super) body: Vec<(Column, ByRun, f64)>,
+    pub(super) body: Vec<(Column, Change, f64)>,
+    /// Loads of other windows than those of the errors.
+    pub(super) weight: Change,
 }
 
-fn difference(a: &ByRun, b: &ByRun, by: f64) -> ByRun {
+/// Mean of two plays, and half of what they differ by.
+pub(super) struct Change {
+    pub(super) mean: ByRun,
+    pub(super) half: ByRun,
+}
+
+impl Change {
+    fn new([a, b]: &[ByRun; 2]) -> Self {
+        Self {
+            mean: combined(a, b, [0.5, 0.5]),
+            half: combined(a, b, [0.5, -0.5]),
+        }
+    }
+
+    /// Per coefficient, over a step for each play.
+    fn between(there: &[ByRun; 2], here: &[ByRun; 2], steps: [f64; 2]) -> Self {
+        let slope = |i: usize| combined(&there[i], &here[i], [1.0 / steps[i], -1.0 / steps[i]]);
+        Self::new(&std::array::from_fn(slope))
+    }
+}
+
+/// Windows in which changes are played.
+fn later(data: &Data) -> [Vec<windows::Window>; 2] {
+    LATER_S.map(|from_s| windows::cut_from(data, WINDOW_S, CHANGE_EVERY_S, from_s))
+}
+
+fn combined(a: &ByRun, b: &ByRun, [p, q]: [f64; 2]) -> ByRun {
     let one = |(a, b): (&[Vec<f64>; JOINTS], &[Vec<f64>; JOINTS])| {
-        std::array::from_fn(|k| a[k].iter().zip(&b[k]).map(|(a, b)| (a - b) / by).collect())
+        std::array::from_fn(|k| {
+            let rows = a[k].iter().zip(&b[k]);
+            rows.map(|(a, b)| p * a + q * b).collect()
+        })
     };
     a.iter().zip(b).map(one).collect()
 }
@@ -45,7 +76,7 @@ fn difference(a: &ByRun, b: &ByRun, by: f64) -> ByRun {
 impl Loads {
     pub(super) fn new(data: &Data, params: &Arc<Params>, maps: &[LinkMap; JOINTS]) -> Self {
         let windows = windows::cut(data, WINDOW_S, EVERY_S);
-        let later = windows::cut_from(data, WINDOW_S, CHANGE_EVERY_S, LATER_S);
+        let later = later(data);
         let play = |p: Params, windows: &[windows::Window]| {
             windows::replay(data, &mut windows.to_vec(), &Arc::new(p), maps, PERIOD_S)
         };
@@ -56,11 +87,14 @@ impl Loads {
         let other = play(creeping, &windows);
         let mut heavy = own.clone();
         heavy.joints.iter_mut().for_each(|j| j.gravity_ratio += 1.0);
-        let gravity = difference(&play(heavy, &later), &play(own, &later), 1.0);
+        let twice = |p: &Params| [0, 1].map(|i| play(p.clone(), &later[i]));
+        let own = twice(&own);
+        let gravity = Change::between(&twice(&heavy), &own, [1.0; 2]).mean;
         Self {
             makes: vec![nominal, other],
             gravity,
             body: Vec::new(),
+            weight: Change::new(&own),
         }
     }
 
@@ -73,12 +107,12 @@ impl Loads {
         theta: &[f64],
         start: &[(usize, f64)],
     ) -> Self {
-        let windows = windows::cut_from(data, WINDOW_S, CHANGE_EVERY_S, LATER_S);
-        let play = |theta: &[f64]| {
+        let windows = later(data);
+        let play = |theta: &[f64], side: usize| {
             let (params, maps) = (Arc::new(tier.params(theta)), tier.links(theta));
-            windows::replay(data, &mut windows.clone(), &params, &maps, PERIOD_S)
+            windows::replay(data, &mut windows[side].clone(), &params, &maps, PERIOD_S)
         };
-        let here = play(theta);
+        let here = [0, 1].map(|side| play(theta, side));
         self.body = moves
             .par_iter()
             .enumerate()
@@ -90,7 +124,9 @@ impl Loads {
                 }
                 let at = start.iter().find(|s| s.0 == i).map_or(0.0, |s| s.1);
                 let step = m.step_from(at);
-                let change = difference(&play(&m.from(theta, step)), &here, step);
+                let steps = m.shares.map(|share| share * step);
+                let there = [0, 1].map(|side| play(&m.from(theta, steps[side]), side));
+                let change = Change::between(&there, &here, steps);
                 (column, change, at)
             })
             .collect();
