@@ -43,6 +43,10 @@ const TABLES: &[(&str, &str)] = &[
         "test --release -q -p hil-sim --test robot --test slots_power_cut -- --nocapture",
     ),
     (
+        "STOP: times to the answer, the ramp and the end",
+        "run --release -q -p hil-sim --example stop_times -- 1000",
+    ),
+    (
         "Seeded schedules of faults over firmware, wires, flash and hosts",
         "run --release -q -p hil-sim --example schedules -- 2000",
     ),
