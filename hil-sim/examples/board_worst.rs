@@ -1,7 +1,7 @@
 //! Prints the most instructions that a 20 Hz tick of the firmware image takes over all shipped gaits and 200 random ones.
 //!
 //! ```text
-//! cargo run -p hil-sim --release --example board_worst [random gaits]
+//! cargo run -p hil-sim --release --example board_worst [gaits of each at most]
 //! ```
 //! Run it in the workspace root; it builds image and plugin. The random gaits are those of `tests/tick-cost`, half of them folded so that they meet
 //! themselves. What the module refuses at the upload never runs.
@@ -14,13 +14,12 @@ mod draw;
 fn main() -> anyhow::Result<()> {
     use hil_sim::board::{table, tools};
     let built = tools::build(&std::env::current_dir()?)?;
-    let count = std::env::args()
+    let count: usize = std::env::args()
         .nth(1)
         .map_or(Ok(200), |text| text.parse())?;
-    let sets = [
-        ("shipped", gaits::shipped()?),
-        ("random", gaits::random(count)),
-    ];
+    let mut shipped = gaits::shipped()?;
+    shipped.truncate(count);
+    let sets = [("shipped", shipped), ("random", gaits::random(count))];
     for (label, gaits) in sets {
         let (mut most, mut refused) = (0, 0);
         for gait in &gaits {

@@ -8,63 +8,89 @@ use anyhow::Result;
 /// The page of all figures.
 const PAGE: &str = "docs/validation/README.md";
 
+/// What a test runs in the place of a table's command.
+enum Short {
+    /// The command itself, as it is.
+    Same,
+    /// The command with these arguments.
+    By(&'static str),
+    /// The same, where QEMU is there.
+    InQemu(&'static str),
+    /// Nothing here: what runs it already.
+    Elsewhere(&'static str),
+}
+
 /// Each table with the command that prints it.
-const TABLES: &[(&str, &str)] = &[
+const TABLES: &[(&str, &str, Short)] = &[
     (
         "Pre-check against parry3d",
         "run --release -q -p control --example precheck_oracle -- 1000000 100000",
+        Short::By("1000 500"),
     ),
     (
         "Firmware image in QEMU: size, stack, instructions per tick",
         "run --release -q -p hil-sim --example board_table",
+        Short::InQemu("gaits/crawl.toml"),
     ),
     (
         "Firmware image in QEMU: most instructions per tick, shipped and random gaits",
         "run --release -q -p hil-sim --example board_worst",
+        Short::InQemu("1"),
     ),
     (
         "Instructions of the law: shipped and random gaits",
         "xtask tick",
+        Short::Elsewhere("a step of its own"),
     ),
     (
         "Emulated robot: speed against real time, upload time on the link",
         "run --release -q -p hil-sim --example robot_speed",
+        Short::Same,
     ),
     (
         "Motor bus: time of a cycle",
         "test --release -q -p hil-sim --test motors bus_time_of_a_cycle -- --nocapture",
+        Short::Elsewhere("a test"),
     ),
     (
         "Telemetry: what the link carries and the memory holds",
         "test --release -q -p protocol --test telemetry -- --nocapture",
+        Short::Elsewhere("tests"),
     ),
     (
         "Damaged uploads, missing motors, power cuts",
         "test --release -q -p hil-sim --test robot --test slots_power_cut -- --nocapture",
+        Short::Elsewhere("tests"),
     ),
     (
         "STOP: times to the answer, the ramp and the end",
         "run --release -q -p hil-sim --example stop_times -- 1000",
+        Short::By("10"),
     ),
     (
         "Seeded schedules of faults over firmware, wires, flash and hosts",
         "run --release -q -p hil-sim --example schedules -- 2000",
+        Short::By("10"),
     ),
     (
         "Faults of the servo bus: told, recovered, by packets lost",
         "run --release -q -p hil-sim --example schedules -- --table 20",
+        Short::By("--table 1"),
     ),
     (
         "Fuzzing: executions and coverage",
         "xtask fuzz --seconds 60",
+        Short::Elsewhere("tests play the corpus"),
     ),
     (
         "Body simulator beside MuJoCo",
         "run --release -q -p host -- bench",
+        Short::Elsewhere("a test of `rb-host bench`"),
     ),
     (
         "Body simulator, MuJoCo, ODE and Rapier on the same gaits",
         "run --release -q -p peers --features rapier --example validate 50 coarse",
+        Short::Elsewhere("tests of `peers`"),
     ),
 ];
 
@@ -73,13 +99,45 @@ pub(crate) fn run() -> Result<()> {
     images::default_image()?;
     let path = sh::root().join(PAGE);
     let date = sh::output("date", &["-I"])?;
-    for (title, command) in TABLES {
+    for (title, command, _) in TABLES {
         println!("\n## {title}\n\n    cargo {command}\n");
         let arguments: Vec<&str> = command.split(' ').collect();
         let text = sh::tee("cargo", &arguments)?;
         let body = format!("Measured {}.\n\n```text\n{}\n```", date.trim(), text.trim());
         let page = std::fs::read_to_string(&path)?;
         std::fs::write(&path, with_figure(&page, title, command, &body))?;
+    }
+    Ok(())
+}
+
+/// Runs every table's command in its short form, built as the tests are. Nothing is written: the figures of a short form are
+/// none.
+pub(crate) fn short() -> Result<()> {
+    let qemu = sh::output("qemu-system-arm", &["--version"]).is_ok();
+    for (title, command, short) in TABLES {
+        let shortened = match short {
+            Short::Elsewhere(what) => {
+                eprintln!("{title}: run by {what}");
+                continue;
+            }
+            Short::Same => (*command).to_owned(),
+            Short::InQemu(_) if !qemu => {
+                eprintln!("SKIPPED {title}: no QEMU");
+                continue;
+            }
+            Short::By(arguments) | Short::InQemu(arguments) => {
+                let program = command.split(" -- ").next().unwrap_or(command);
+                format!("{program} -- {arguments}")
+            }
+        };
+        let shortened = shortened.replace(" --release", "");
+        eprintln!("\n## {title}\n\n    cargo {shortened}\n");
+        let arguments: Vec<&str> = shortened.split(' ').collect();
+        let printed = sh::tee("cargo", &arguments)?;
+        anyhow::ensure!(
+            !printed.trim().is_empty(),
+            "`cargo {shortened}` prints nothing"
+        );
     }
     Ok(())
 }
@@ -104,7 +162,7 @@ mod tests {
         let page = std::fs::read_to_string(crate::sh::root().join(PAGE)).unwrap();
         for mark in page.split("<!-- begin: ").skip(1) {
             let title = mark.split(" -->").next().unwrap();
-            let command = TABLES.iter().find(|(known, _)| *known == title);
+            let command = TABLES.iter().find(|(known, _, _)| *known == title);
             let command = command
                 .unwrap_or_else(|| panic!("no command prints `{title}`"))
                 .1;
@@ -136,7 +194,7 @@ mod programs {
 
     #[test]
     fn every_table_has_its_program() {
-        for (title, command) in TABLES {
+        for (title, command, _) in TABLES {
             let words: Vec<&str> = command.split(' ').collect();
             let after = |flag: &str| words.windows(2).find(|w| w[0] == flag).map(|w| w[1]);
             if let (Some(package), Some(name)) = (after("-p"), after("--example")) {

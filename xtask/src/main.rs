@@ -35,7 +35,8 @@ cargo xtask <command>
   tick      count the instructions of the 20 Hz law, over all shipped and 200 random gaits, in QEMU
   planted   plant faults one at a time in a copy and print what finds them; [NUMBERS] (half an hour)
   mutants   [--shard K/N] [CRATE...]: a sample of the mutants of control, protocol and firmware, and what the tests kill
-  figures   print every table that the documentation quotes, from a fresh run (tens of minutes)
+  figures   print every table that the documentation quotes, from a fresh run (an hour);
+            --short: run each command briefly, as `test` does, and write nothing
 ";
 
 fn main() -> ExitCode {
@@ -51,6 +52,9 @@ fn main() -> ExitCode {
         Some("release") => release::run(),
         Some("site") => site::run(),
         Some("tick") => tick::run(),
+        Some("figures") if arguments.get(1).is_some_and(|word| word == "--short") => {
+            figures::short()
+        }
         Some("figures") => figures::run(),
         Some("mutants") => mutants::run(&arguments[1..]),
         Some("planted") => planted::run(arguments.get(1..).unwrap_or_default()),

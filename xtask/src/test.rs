@@ -23,6 +23,10 @@ const STEPS: &[Step] = &[
     ("QEMU plug-in", plugin),
     ("compilation of the tests", || tests(&["--no-run"])),
     ("tests", || tests(&["--no-fail-fast"])),
+    (
+        "commands of the figures, in short form",
+        crate::figures::short,
+    ),
 ];
 
 /// Set up, then run all steps; every failure is collected before the exit, and how long each step took is said.
