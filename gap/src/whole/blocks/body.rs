@@ -77,6 +77,15 @@ fn slope(column: Column, at: usize) -> Move {
     }
 }
 
+/// The same of a map from links to readings: effects say what a link does to a number on the wire, the other way round.
+fn reading(column: Column, at: usize) -> Move {
+    let slope = slope(column, at);
+    Move {
+        along: vec![(at, -1.0)],
+        ..slope.downwards()
+    }
+}
+
 fn whole(column: Column, along: Vec<(usize, f64)>) -> Move {
     Move {
         column,
@@ -185,9 +194,9 @@ fn connector(out: &mut Vec<Move>) {
 fn joints(out: &mut Vec<Move>, link_measured: bool) {
     for k in 0..JOINTS {
         let offset = Column::linear(Effect::JointOffset, "offset_rad", 0.0, 0.1).shaped(100, &[]);
-        out.push(slope(offset.of_joint(k), of_joint(k, OFFSET)));
+        out.push(reading(offset.of_joint(k), of_joint(k, OFFSET)));
         let ratio = Column::linear(Effect::JointScale, "ratio", 1.0, 0.1).shaped(100, &[]);
-        out.push(slope(ratio.of_joint(k), of_joint(k, RATIO)));
+        out.push(reading(ratio.of_joint(k), of_joint(k, RATIO)));
         if link_measured {
             continue;
         }
@@ -302,6 +311,25 @@ pub(in crate::whole) fn block(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::evidence::block::Meaning;
+
+    /// `set-point = ratio * command + offset`, of what is read back as of what is sent.
+    #[test]
+    fn a_scale_and_a_zero_move_the_link_as_their_effects_say() {
+        let model = Model::hand_tuned();
+        let neutral: Vec<f64> = coordinates(&model).iter().map(|c| c.neutral).collect();
+        for (effect, by, at_reading, expected) in [
+            (Effect::JointScale, 0.05, 0.8, 0.8 * 1.05),
+            (Effect::JointOffset, 0.03, 0.8, 0.8 + 0.03),
+        ] {
+            let moves = moves(&model, true);
+            let of = |m: &&Move| m.column.meaning == Meaning::Effect(effect);
+            let first = moves.iter().find(of).expect("one for each joint");
+            let theta = first.from(&neutral, by);
+            let link = (at_reading - theta[of_joint(0, OFFSET)]) / theta[of_joint(0, RATIO)];
+            assert!((link - expected).abs() < 0.003, "{effect:?}: {link}");
+        }
+    }
 
     #[test]
     fn a_window_counts_by_what_two_plays_have_alike() {
