@@ -60,7 +60,7 @@ pub struct Found {
     pub gains: Vec<f64>,
     /// Rivals of each member, nearest first.
     pub rivals: Vec<Vec<Rival>>,
-    /// The cause that was not taken and comes nearest to what is asked of it, and what it would add.
+    /// The cause that was not taken and would add the largest share of what is asked of it, and what it would add.
     pub next: Option<(usize, f64)>,
 }
 
@@ -322,16 +322,18 @@ impl Problem<'_> {
                     .collect(),
             );
         }
-        let bar = self.above(&best, asks);
         let more = self.grown(std::slice::from_ref(&best));
         let next = more
             .iter()
             .filter_map(|s| {
                 let new = s.members.iter().find(|m| !best.members.contains(m))?;
-                Some((*new, s.evidence - best.evidence, self.above(s, asks) - bar))
+                Some((*new, s.evidence - best.evidence))
             })
-            .max_by(|a, b| a.2.total_cmp(&b.2).then_with(|| b.0.cmp(&a.0)))
-            .map(|(new, adds, _)| (new, adds));
+            .filter(|x| x.1 > 0.0)
+            .max_by(|a, b| {
+                let share = |x: &(usize, f64)| x.1 / asks[x.0];
+                share(a).total_cmp(&share(b)).then_with(|| b.0.cmp(&a.0))
+            });
         Found {
             best,
             gains,
@@ -438,6 +440,25 @@ mod tests {
         ];
         for (what, sizes, expected) in cases {
             assert_eq!(found(sizes), expected, "{what}");
+        }
+    }
+
+    #[test]
+    fn what_comes_nearest_has_most_of_what_is_asked_of_it_and_some_at_least() {
+        for (size, expected) in [(0.8, Some(Effect::CoulombFriction)), (0.0, None)] {
+            let mut rng = Rng::new(11);
+            let sizes = [0.0, 0.0, size, 0.0, 0.0, 0.0];
+            let blocks: Vec<Block> = (0..6).map(|k| joint(k, sizes[k], &mut rng)).collect();
+            let causes = causes(&blocks, &groups(), &[]);
+            let problem = Problem {
+                blocks: &blocks,
+                causes: &causes,
+                always: &[],
+            };
+            let found = problem.search(&vec![500.0; causes.len()], 6);
+            assert_eq!(found.best.members, [0; 0]);
+            let next = found.next.and_then(|(c, _)| causes[c].effect);
+            assert_eq!(next, expected, "{size}");
         }
     }
 
