@@ -16,7 +16,7 @@ enum Short {
     By(&'static str),
     /// The same, where QEMU is there.
     InQemu(&'static str),
-    /// Nothing here: what runs it already.
+    /// Nothing here: why.
     Elsewhere(&'static str),
 }
 
@@ -40,7 +40,7 @@ const TABLES: &[(&str, &str, Short)] = &[
     (
         "Instructions of the law: shipped and random gaits",
         "xtask tick",
-        Short::Elsewhere("a step of its own"),
+        Short::Elsewhere("a step of its own does"),
     ),
     (
         "Emulated robot: speed against real time, upload time on the link",
@@ -50,17 +50,17 @@ const TABLES: &[(&str, &str, Short)] = &[
     (
         "Motor bus: time of a cycle",
         "test --release -q -p hil-sim --test motors bus_time_of_a_cycle -- --nocapture",
-        Short::Elsewhere("a test"),
+        Short::Elsewhere("the test is among all tests"),
     ),
     (
         "Telemetry: what the link carries and the memory holds",
         "test --release -q -p protocol --test telemetry -- --nocapture",
-        Short::Elsewhere("tests"),
+        Short::Elsewhere("the tests are among all tests"),
     ),
     (
         "Damaged uploads, missing motors, power cuts",
         "test --release -q -p hil-sim --test robot --test slots_power_cut -- --nocapture",
-        Short::Elsewhere("tests"),
+        Short::Elsewhere("the tests are among all tests"),
     ),
     (
         "STOP: times to the answer, the ramp and the end",
@@ -80,17 +80,17 @@ const TABLES: &[(&str, &str, Short)] = &[
     (
         "Fuzzing: executions and coverage",
         "xtask fuzz --seconds 60",
-        Short::Elsewhere("tests play the corpus"),
+        Short::Elsewhere("it builds for minutes; tests play the corpus"),
     ),
     (
         "Body simulator beside MuJoCo",
         "run --release -q -p host -- bench",
-        Short::Elsewhere("a test of `rb-host bench`"),
+        Short::Elsewhere("a test of `rb-host bench` does"),
     ),
     (
         "Body simulator, MuJoCo, ODE and Rapier on the same gaits",
         "run --release -q -p peers --features rapier --example validate 50 coarse",
-        Short::Elsewhere("tests of `peers`"),
+        Short::Elsewhere("it builds Rapier for minutes; its engines have tests of their own"),
     ),
 ];
 
@@ -117,7 +117,7 @@ pub(crate) fn short() -> Result<()> {
     for (title, command, short) in TABLES {
         let shortened = match short {
             Short::Elsewhere(what) => {
-                eprintln!("{title}: run by {what}");
+                eprintln!("{title}: not run here, {what}");
                 continue;
             }
             Short::Same => (*command).to_owned(),
