@@ -1,9 +1,10 @@
 //! Decisions: every threshold of the search of causes, read from robots without a cause.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
+use crate::evidence::cause::Cause;
 use crate::evidence::ensemble::Spreads;
 use crate::math;
 use crate::vocabulary::Effect;
@@ -46,10 +47,37 @@ impl Tail {
 /// Share of the values that make a tail.
 const TAIL: f64 = 0.05;
 
-/// Name by which an effect, or a shape of none, stands in a calibration.
-#[must_use]
-pub fn name(effect: Option<Effect>) -> &'static str {
-    effect.map_or("open", Effect::name)
+/// What a calibration tells apart: an effect, or a shape of none, and the kinds of blocks that show it.
+#[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Shown {
+    effect: Option<Effect>,
+    by: String,
+}
+
+impl Shown {
+    /// `effect` in blocks of the kinds `by`.
+    #[must_use]
+    pub fn new(effect: Option<Effect>, by: &str) -> Self {
+        Self {
+            effect,
+            by: by.into(),
+        }
+    }
+
+    fn name(&self) -> &'static str {
+        self.effect.map_or("open", Effect::name)
+    }
+
+    /// Name by which it stands in a calibration.
+    fn key(&self) -> String {
+        format!("{} by {}", self.name(), self.by)
+    }
+}
+
+impl From<&Cause> for Shown {
+    fn from(cause: &Cause) -> Self {
+        Self::new(cause.effect, &cause.shown_by)
+    }
 }
 
 /// What searches of robots without a cause found: the null distribution of the strongest evidence.
@@ -59,7 +87,7 @@ pub fn name(effect: Option<Effect>) -> &'static str {
 /// that is stated (Westfall and Young 1993).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
-    /// Always `rb.calibration/3`.
+    /// Always `rb.calibration/4`.
     pub schema: String,
     /// How the file was made.
     pub command: String,
@@ -67,7 +95,7 @@ pub struct Calibration {
     pub source: String,
     /// Largest evidence of each of them over all effects, in units of their tails, ascending.
     pub strongest: Vec<f64>,
-    /// Tails by effect; without any the evidence counts as it is.
+    /// Tails by effect, and by what shows it where enough robots have that; without any the evidence counts as it is.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub tails: BTreeMap<String, Tail>,
     /// What the best set leaves of each of them, ascending; empty where nothing was measured of it.
@@ -93,7 +121,7 @@ pub enum CalibrationError {
     Few(usize),
 }
 
-const SCHEMA: &str = "rb.calibration/3";
+const SCHEMA: &str = "rb.calibration/4";
 /// Fewest robots whose strongest evidence says anything: with 19 a cause at least has p = 0.05.
 const LEAST: usize = 19;
 
@@ -128,34 +156,46 @@ impl Calibration {
     /// # Errors
     /// Too few robots.
     pub fn by_effect(
-        robots: &[BTreeMap<&'static str, f64>],
+        robots: &[BTreeMap<Shown, f64>],
         command: &str,
         source: &str,
     ) -> Result<Self, CalibrationError> {
         let mut values: BTreeMap<String, Vec<f64>> = BTreeMap::new();
-        for (effect, evidence) in robots.iter().flatten() {
-            values.entry((*effect).into()).or_default().push(*evidence);
+        for (shown, evidence) in robots.iter().flatten() {
+            for key in [shown.name().to_owned(), shown.key()] {
+                values.entry(key).or_default().push(*evidence);
+            }
         }
+        let effects: BTreeSet<&str> = robots.iter().flatten().map(|r| r.0.name()).collect();
         let tails: BTreeMap<String, Tail> = values
             .into_iter()
-            .map(|(effect, evidence)| (effect, Tail::of(&evidence)))
+            .filter(|(key, v)| v.len() >= LEAST || effects.contains(key.as_str()))
+            .map(|(key, evidence)| (key, Tail::of(&evidence)))
             .collect();
-        let one = |robot: &BTreeMap<&'static str, f64>| {
-            let standard = robot.iter().map(|(e, x)| tails[*e].standard(*x));
+        let mut out = Self::new(vec![0.0; robots.len()], command, source)?;
+        out.tails = tails;
+        let one = |robot: &BTreeMap<Shown, f64>| {
+            let standard = robot.iter().map(|(s, x)| out.tail(s).standard(*x));
             standard.fold(f64::NEG_INFINITY, f64::max)
         };
-        let own = Self::new(robots.iter().map(one).collect(), command, source)?;
-        Ok(Self { tails, ..own })
+        let strongest = robots.iter().map(one).collect();
+        let own = Self::new(strongest, command, source)?;
+        Ok(Self {
+            tails: out.tails,
+            ..own
+        })
     }
 
-    /// Tail of an effect; the widest of all for one that no robot of the calibration could show.
-    fn tail(&self, effect: Option<Effect>) -> Tail {
-        let own = self.tails.get(name(effect)).copied();
+    /// Tail of an effect by what shows it, else of the effect; the widest of all for one that no robot of the calibration
+    /// could show.
+    fn tail(&self, shown: &Shown) -> Tail {
+        let of = |key: &str| self.tails.get(key).copied();
         let widest = || {
             let reach = |t: &&Tail| t.middle + t.reach;
             let all = self.tails.values();
             all.max_by(|a, b| reach(a).total_cmp(&reach(b))).copied()
         };
+        let own = of(&shown.key()).or_else(|| of(shown.name()));
         own.or_else(widest).unwrap_or(Tail::PLAIN)
     }
 
@@ -230,8 +270,8 @@ impl Calibration {
 
     /// Conformal p-value of an effect's evidence: the chance that a robot without a cause shows as much of any effect.
     #[must_use]
-    pub fn p_value(&self, effect: Option<Effect>, evidence: f64) -> f64 {
-        let standard = self.tail(effect).standard(evidence);
+    pub fn p_value(&self, shown: &Shown, evidence: f64) -> f64 {
+        let standard = self.tail(shown).standard(evidence);
         let below = self.strongest.partition_point(|x| *x < standard);
         let n = self.strongest.len();
         (n - below + 1) as f64 / (n + 1) as f64
@@ -240,8 +280,8 @@ impl Calibration {
     /// Evidence that a cause of an effect must add: what robots without a cause do not show, and what makes it likelier
     /// than its absence by one over [`LEVEL`].
     #[must_use]
-    pub fn ask(&self, effect: Option<Effect>) -> f64 {
-        let tail = self.tail(effect);
+    pub fn ask(&self, shown: &Shown) -> f64 {
+        let tail = self.tail(shown);
         (tail.middle + tail.reach * self.least()).max(-libm::log(LEVEL))
     }
 
@@ -273,37 +313,46 @@ mod tests {
     fn few_robots_ask_for_more_evidence_than_any_of_them() {
         let c = of(49);
         assert!(c.least() > 48.0);
-        assert!((c.p_value(None, c.least()) - 0.02).abs() < 1e-12);
+        assert!((c.p_value(&Shown::default(), c.least()) - 0.02).abs() < 1e-12);
     }
 
     #[test]
     fn many_robots_allow_the_share_that_the_level_says() {
         let c = of(999);
-        assert!(c.p_value(None, c.least()) <= LEVEL);
-        assert!(c.p_value(None, c.least() - 1.0) > LEVEL);
+        assert!(c.p_value(&Shown::default(), c.least()) <= LEVEL);
+        assert!(c.p_value(&Shown::default(), c.least() - 1.0) > LEVEL);
     }
 
     #[test]
     fn an_effect_that_healthy_robots_imitate_asks_more_of_itself_alone() {
         let mut rng = crate::math::Rng::new(2);
-        let mut robot = || {
-            let late = 9.0 * rng.normal().abs() - 3.0;
-            BTreeMap::from([("latency", late), ("mass", rng.normal() - 3.0)])
+        let late = Shown::new(Some(Effect::Latency), "driver");
+        let [heavy, guessed] =
+            ["drivetrain", "blind_drivetrain"].map(|by| Shown::new(Some(Effect::Mass), by));
+        let mut robot = |i: usize| {
+            let slow = 9.0 * rng.normal().abs() - 3.0;
+            let weight = rng.normal() - 3.0;
+            // Every other robot has no pose of its base, and imitates a weight.
+            let own = match i % 2 {
+                0 => (heavy.clone(), weight),
+                _ => (guessed.clone(), 5.0 * weight.abs()),
+            };
+            BTreeMap::from([(late.clone(), slow), own])
         };
-        let healthy: Vec<_> = (0..400).map(|_| robot()).collect();
-        let c = Calibration::by_effect(&healthy[..200], "test", "numbers").expect("enough");
-        let [late, heavy] = [Effect::Latency, Effect::Mass].map(Some);
-        assert!(c.ask(late) > 15.0 && c.ask(heavy) < 5.0, "{c:?}");
-        // An effect that no robot could show asks what the hardest one does.
-        assert!((c.ask(None) - c.ask(late)).abs() < 1e-9);
-        for effect in [late, heavy] {
-            assert!(c.p_value(effect, c.ask(effect)) <= LEVEL);
+        let healthy: Vec<_> = (0..800).map(&mut robot).collect();
+        let c = Calibration::by_effect(&healthy[..400], "test", "numbers").expect("enough");
+        assert!(c.ask(&late) > 15.0 && c.ask(&guessed) > 15.0, "{c:?}");
+        assert!(c.ask(&heavy) < 5.0, "{c:?}");
+        // What no robot had to show it asks what the hardest one does.
+        assert!(c.ask(&Shown::default()) >= c.ask(&late));
+        for shown in [&late, &heavy, &guessed] {
+            assert!(c.p_value(shown, c.ask(shown)) <= LEVEL);
         }
-        let accused = healthy[200..]
+        let accused = healthy[400..]
             .iter()
-            .filter(|r| r["latency"] > c.ask(late) || r["mass"] > c.ask(heavy))
+            .filter(|r| r.iter().any(|(s, x)| *x > c.ask(s)))
             .count();
-        assert!(accused <= 8, "{accused} of 200 others");
+        assert!(accused <= 16, "{accused} of 400 others");
     }
 
     #[test]
@@ -333,7 +382,7 @@ mod tests {
             Calibration::parse(old),
             Err(CalibrationError::Schema(_))
         ));
-        let few = r#"{"schema":"rb.calibration/3","command":"","source":"","strongest":[1.0]}"#;
+        let few = r#"{"schema":"rb.calibration/4","command":"","source":"","strongest":[1.0]}"#;
         assert!(matches!(
             Calibration::parse(few),
             Err(CalibrationError::Few(1))

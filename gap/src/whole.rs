@@ -73,7 +73,7 @@ use physics::{Params, ParamsError};
 
 use rayon::prelude::*;
 
-use crate::decide::{Calibration, CalibrationError};
+use crate::decide::{Calibration, CalibrationError, Shown};
 use crate::evidence::block::White;
 use crate::evidence::ensemble::Spreads;
 use crate::report::Subject;
@@ -341,7 +341,7 @@ pub fn calibrated(
             Spreads::learned(&others)
         })
         .collect();
-    let strongest: Vec<BTreeMap<&str, f64>> = robots
+    let strongest: Vec<BTreeMap<Shown, f64>> = robots
         .par_iter()
         .enumerate()
         .map(|(i, r)| causes::strongest(r, &folds[i % FOLDS]))

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::Explained;
 use super::library::Hypothesis;
 use super::search::Set;
-use crate::decide::{Calibration, LEVEL};
+use crate::decide::{Calibration, LEVEL, Shown};
 use crate::evidence::cause::Scope;
 use crate::names;
 use crate::vocabulary::Effect;
@@ -79,7 +79,7 @@ impl Read {
     }
 
     fn row(&self, calibration: &Calibration) -> Row {
-        let p_value = calibration.p_value(None, self.evidence);
+        let p_value = calibration.p_value(&Shown::default(), self.evidence);
         let off = 1.96 * self.error;
         let value = Value {
             value: self.value,
@@ -226,7 +226,7 @@ impl Explained {
         }
         alternatives.truncate(LISTED);
         let evidence = self.found.gains[i];
-        let p_value = calibration.p_value(None, evidence);
+        let p_value = calibration.p_value(&Shown::default(), evidence);
         let others: f64 = alternatives
             .iter()
             .map(|a| libm::exp(-a.margin.max(-20.0)))
@@ -274,7 +274,9 @@ impl Explained {
             Some(_) => Word::Explained,
         };
         let none = if causes.is_empty() {
-            calibration.p_value(None, self.found.next).min(1.0)
+            calibration
+                .p_value(&Shown::default(), self.found.next)
+                .min(1.0)
         } else {
             0.0
         };

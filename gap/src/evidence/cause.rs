@@ -1,7 +1,9 @@
 //! Causes: an effect with a scope, as a Gaussian prior over coefficients.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use super::block::{Block, Meaning, Owner};
-use super::ensemble::Spreads;
+use super::ensemble::{Spreads, kind};
 use crate::vocabulary::Effect;
 
 /// Who has a cause.
@@ -70,6 +72,8 @@ pub struct Cause {
     pub positive: bool,
     /// Logarithm of its prior probability over that of its absence.
     pub log_prior: f64,
+    /// Kinds of the blocks that its effect stands in, with a plus between them.
+    pub shown_by: String,
 }
 
 /// Spread of a shared cause between joints, as a share of its size: parts from one drawer, and parts that wear.
@@ -86,8 +90,8 @@ struct Part {
 }
 
 /// Parts of all blocks by effect and shape; an entry may stand in several blocks of one joint.
-fn parts(blocks: &[Block]) -> Vec<(Option<Effect>, usize, Vec<Part>)> {
-    let mut out: Vec<(Option<Effect>, usize, Vec<Part>)> = Vec::new();
+fn parts(blocks: &[Block]) -> Vec<Parts> {
+    let mut out: Vec<Parts> = Vec::new();
     for (b, block) in blocks.iter().enumerate() {
         for (c, column) in block.columns.iter().enumerate() {
             let effect = match column.meaning {
@@ -167,6 +171,7 @@ fn single(effect: Option<Effect>, part: &Part, log_prior: f64) -> Cause {
         numbers: Vec::new(),
         positive: first.positive,
         log_prior,
+        shown_by: String::new(),
     };
     for (i, (entries, column)) in part.columns.iter().enumerate() {
         let [mean, sd] = column.prior;
@@ -204,6 +209,7 @@ fn shared(
         numbers: Vec::new(),
         positive: first.positive,
         log_prior,
+        shown_by: String::new(),
     };
     for part in parts {
         for (i, (entries, column)) in part.columns.iter().enumerate() {
@@ -254,6 +260,7 @@ pub fn shared_slack(blocks: &[Block], spreads: &Spreads) -> Vec<Cause> {
         numbers: Vec::new(),
         positive: false,
         log_prior: 0.0,
+        shown_by: String::new(),
     };
     keys.into_iter().map(one).collect()
 }
@@ -271,9 +278,11 @@ pub fn causes(blocks: &[Block], groups: &[Group], withheld: &[Effect]) -> Vec<Ca
     let mut kinds: Vec<Option<Effect>> = all.iter().map(|a| a.0).collect();
     kinds.sort_unstable();
     kinds.dedup();
-    let mut out = Vec::new();
+    let shown: BTreeMap<Option<Effect>, BTreeSet<String>> = shown_by(blocks, &all);
+    let mut out: Vec<Cause> = Vec::new();
     for (effect, _, parts) in &mut all {
         parts.iter_mut().for_each(merged);
+        let first = out.len();
         // Shared by a group as often as by one joint: half of the prior probability each.
         let of_kind = libm::log(EXPECTED / kinds.len() as f64);
         let one = of_kind - libm::log(2.0 * parts.len() as f64);
@@ -305,6 +314,25 @@ pub fn causes(blocks: &[Block], groups: &[Group], withheld: &[Effect]) -> Vec<Ca
                 out.push(shared(*effect, group.scope, &members, spread, many - cost));
             }
         }
+        let kinds: Vec<&str> = shown[effect].iter().map(String::as_str).collect();
+        let shown_by = kinds.join("+");
+        out[first..]
+            .iter_mut()
+            .for_each(|c| c.shown_by.clone_from(&shown_by));
+    }
+    out
+}
+
+/// Parts of every effect and shape.
+type Parts = (Option<Effect>, usize, Vec<Part>);
+
+/// Kinds of the blocks that each effect stands in.
+fn shown_by(blocks: &[Block], all: &[Parts]) -> BTreeMap<Option<Effect>, BTreeSet<String>> {
+    let mut out: BTreeMap<_, BTreeSet<String>> = BTreeMap::new();
+    for (effect, _, parts) in all {
+        let columns = parts.iter().flat_map(|p| &p.columns);
+        let own = columns.flat_map(|c| &c.0).map(|e| kind(&blocks[e.0].site));
+        out.entry(*effect).or_default().extend(own);
     }
     out
 }

@@ -25,7 +25,7 @@ const NOTHING: f64 = 1e-3;
 const FIRST_ERROR: f64 = 0.03;
 /// The least model error of a servo, whose limits bend what is computed around one point. Chosen with robots of MuJoCo in
 /// view (development seed 1); without it the strongest of 190 nulls rises from 27 to 579.
-const BENT: f64 = 0.12;
+pub(super) const BENT: f64 = 0.12;
 /// Model error of what causes explain of the base, in any one direction, as a share of its square: contacts and play of
 /// ours are not the robot's. Of most likelihood over what is left of development robots once their causes are in
 /// (emulator, seed 7; MuJoCo, seed 1): six blocks, two of which weigh most. Servos and gears of the same robots ask for none.
@@ -53,7 +53,7 @@ const SHARED: f64 = 10.0;
 const MOST: usize = 24;
 
 /// Name of a kind of block: its stage, and what in it is a guess.
-fn kind(site: &Site) -> String {
+pub(super) fn kind(site: &Site) -> String {
     let blind = if site.blind { "blind_" } else { "" };
     let coarse = if site.coarse { "coarse_" } else { "" };
     format!("{blind}{coarse}{}", site.stage.name())
@@ -109,7 +109,7 @@ impl<'a> Healthy<'a> {
 
 /// Columns with a standard deviation `sd`, the factor of `1 + S G S` of them, and its half-solved moments; `by` is the
 /// share by which products count.
-fn factored(block: &White, sd: &[f64], by: f64) -> (Vec<usize>, Vec<f64>, Vec<f64>) {
+pub(super) fn factored(block: &White, sd: &[f64], by: f64) -> (Vec<usize>, Vec<f64>, Vec<f64>) {
     let c = block.columns.len();
     let n = c + 1;
     let own: Vec<usize> = (0..c).filter(|i| sd[*i] > 0.0).collect();
@@ -162,7 +162,7 @@ fn explained(gram: &[f64], moment: &[f64]) -> (f64, f64) {
     (rank, full)
 }
 
-fn size(column: &Column) -> f64 {
+pub(super) fn size(column: &Column) -> f64 {
     column.prior[0].abs().max(column.prior[1])
 }
 

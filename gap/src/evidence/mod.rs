@@ -12,3 +12,4 @@ pub mod ensemble;
 pub mod linear;
 pub mod noise;
 pub mod search;
+pub mod settle;

@@ -19,11 +19,12 @@ use super::data::{Data, JOINTS, Track};
 use super::direct::Reading;
 use super::nominal::{Nominal, inter, nominal};
 use super::windows::{LinkMap, PERIOD_S};
-use crate::decide::{Calibration, name};
+use crate::decide::{Calibration, Shown};
 use crate::evidence::block::{Block, Column, Meaning, White};
 use crate::evidence::cause::{Cause, Group, Scope, causes, shared_slack};
 use crate::evidence::ensemble::Spreads;
 use crate::evidence::search::{Found, Problem};
+use crate::evidence::settle::settled;
 use crate::vocabulary::{Effect, Stage};
 use loads::Loads;
 use readings::{reading, sure};
@@ -288,9 +289,18 @@ impl Asked<'_> {
             .map(|c| c.neutral)
             .collect();
         let moves = body_block::moves(self.model, tier.as_ref().is_some_and(|t| t.link_measured));
-        let starts = Starts::default();
-        let (loads, body) = self.world(tier, &moves, &neutral, &starts);
-        self.blocks(&loads, body, &starts.joints)
+        let (loads, body) = self.world(tier, &moves, &neutral, &Starts::default());
+        self.blocks(&loads, body, &self.settled(&loads))
+    }
+
+    /// Where the nominal numbers of each servo fit best.
+    fn settled(&self, loads: &Loads) -> [Vec<(usize, f64)>; JOINTS] {
+        let one = |k: usize| {
+            let block = self.position(k, loads, &[]);
+            block.map_or_else(Vec::new, |b| settled(&b))
+        };
+        let each: Vec<_> = (0..JOINTS).into_par_iter().map(one).collect();
+        each.try_into().unwrap_or_default()
     }
 
     /// Loads of the joints and block of the base around `starts`.
@@ -348,8 +358,8 @@ pub(super) struct Explained {
     pub(super) found: Found,
 }
 
-/// Largest evidence that the `blocks` of a robot show for each effect, by the name that it has in a calibration.
-pub(super) fn strongest(blocks: &[White], spreads: &Spreads) -> BTreeMap<&'static str, f64> {
+/// Largest evidence that the `blocks` of a robot show for each effect.
+pub(super) fn strongest(blocks: &[White], spreads: &Spreads) -> BTreeMap<Shown, f64> {
     let blocks: Vec<Block> = blocks.iter().map(|w| spreads.taken_from(w, 0.0)).collect();
     let all = causes(&blocks, &groups(), &[]);
     let problem = Problem {
@@ -364,7 +374,7 @@ pub(super) fn strongest(blocks: &[White], spreads: &Spreads) -> BTreeMap<&'stati
         .collect();
     let mut out = BTreeMap::new();
     for (cause, adds) in all.iter().zip(adds) {
-        let slot = out.entry(name(cause.effect)).or_insert(adds);
+        let slot = out.entry(Shown::from(cause)).or_insert(adds);
         *slot = slot.max(adds);
     }
     out
@@ -391,6 +401,9 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Expla
         let Some((_, loads, body)) = &world else {
             break;
         };
+        if out.is_none() {
+            starts.joints = asked.settled(loads);
+        }
         let whites = asked.blocks(loads, body.clone(), &starts.joints);
         let blocks: Vec<Block> = whites
             .iter()
@@ -410,10 +423,11 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Expla
         };
         let asks: Vec<f64> = all
             .iter()
-            .map(|c| asked.calibration.ask(c.effect))
+            .map(|c| asked.calibration.ask(&c.into()))
             .collect();
         let found = problem.search(&asks, MOST);
-        let again = Starts::of(&problem, &found);
+        let again = Starts::of(&problem, &found, &whites);
+        let nothing = explained.is_empty() && found.best.members.is_empty();
         explained = problem.coefficients(&found.best.members);
         let next = Explained {
             blocks,
@@ -423,7 +437,7 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Expla
         };
         let same = out.as_ref().is_some_and(|o| o.names() == next.names());
         out = Some(next);
-        if same || again == starts {
+        if same || nothing {
             break;
         }
         starts = again;
@@ -448,8 +462,9 @@ struct Starts {
 }
 
 impl Starts {
-    /// Where the set found has its coefficients.
-    fn of(problem: &Problem<'_>, found: &Found) -> Self {
+    /// Where the set found has its coefficients; the nominal numbers of a servo that has none. Beside a cause they stay:
+    /// what it leaves would move them.
+    fn of(problem: &Problem<'_>, found: &Found, whites: &[White]) -> Self {
         let mut out = Self::default();
         let coefficients = problem.coefficients(&found.best.members);
         for (block, column, value) in coefficients {
@@ -462,6 +477,13 @@ impl Starts {
                 _ => continue,
             };
             list.push((column, value));
+        }
+        for white in whites.iter().filter(|w| w.columns.len() > 1) {
+            if let (Stage::Driver, Some(k)) = (white.site.stage, white.site.joint)
+                && out.joints[k].is_empty()
+            {
+                out.joints[k] = settled(white);
+            }
         }
         out
     }

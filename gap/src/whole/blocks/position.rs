@@ -186,9 +186,10 @@ pub(in crate::whole) fn raw(
             // played; another shape of its effect stands in its place.
             let within = start.iter().find(|x| x.0 == c && x.1.abs() > 1e-9);
             let step = within.map_or(s.step, |x| -x.1);
-            let rivals = start
-                .iter()
-                .filter(|x| within.is_none() && all[x.0].column.meaning == s.column.meaning);
+            let alike = |x: &&(usize, f64)| {
+                all[x.0].column.slack == 0.0 && all[x.0].column.meaning == s.column.meaning
+            };
+            let rivals = start.iter().filter(|x| within.is_none() && alike(x));
             let from = rivals.fold(there, |law, (c, by)| all[*c].change.on(law, -by));
             let plain = if from == there {
                 plain.clone()

@@ -281,7 +281,7 @@ impl Explained {
                 let alternatives = alternatives(&self.causes, cause, &self.found.rivals[i]);
                 let others: f64 = alternatives.iter().map(|a| libm::exp(-a.margin)).sum();
                 let evidence = self.found.gains[i];
-                let p_value = calibration.p_value(cause.effect, evidence);
+                let p_value = calibration.p_value(&cause.into(), evidence);
                 let kind = match cause.effect {
                     None => "open",
                     Some(e) if e.is_base() => "parametric",
@@ -297,7 +297,7 @@ impl Explained {
                     probability: (1.0 - p_value) / (1.0 + others),
                     p_value,
                     evidence,
-                    asked: calibration.ask(cause.effect),
+                    asked: calibration.ask(&cause.into()),
                     alternatives,
                 }
             })
@@ -312,7 +312,7 @@ impl Explained {
         let next = self.found.next;
         let none = if rows.is_empty() {
             next.map_or(1.0, |(c, adds)| {
-                calibration.p_value(self.causes[c].effect, adds)
+                calibration.p_value(&(&self.causes[c]).into(), adds)
             })
         } else {
             0.0
@@ -332,7 +332,7 @@ impl Explained {
                     scope: cause.scope,
                     joints: cause.joints.clone(),
                     evidence,
-                    asked: calibration.ask(cause.effect),
+                    asked: calibration.ask(&cause.into()),
                 }
             }),
             null_robots: calibration.strongest.len(),
