@@ -44,6 +44,18 @@ impl Tail {
     }
 }
 
+/// Tail of an effect by what shows it, else of the effect; the widest of all for one that no robot of the calibration
+/// could show.
+fn tail(tails: &BTreeMap<String, Tail>, shown: &Shown) -> Tail {
+    let widest = || {
+        let reach = |t: &&Tail| t.middle + t.reach;
+        let all = tails.values();
+        all.max_by(|a, b| reach(a).total_cmp(&reach(b)))
+    };
+    let own = tails.get(&shown.key()).or_else(|| tails.get(shown.name()));
+    own.or_else(widest).copied().unwrap_or(Tail::PLAIN)
+}
+
 /// Share of the values that make a tail.
 const TAIL: f64 = 0.05;
 
@@ -172,31 +184,12 @@ impl Calibration {
             .filter(|(key, v)| v.len() >= LEAST || effects.contains(key.as_str()))
             .map(|(key, evidence)| (key, Tail::of(&evidence)))
             .collect();
-        let mut out = Self::new(vec![0.0; robots.len()], command, source)?;
-        out.tails = tails;
         let one = |robot: &BTreeMap<Shown, f64>| {
-            let standard = robot.iter().map(|(s, x)| out.tail(s).standard(*x));
+            let standard = robot.iter().map(|(s, x)| tail(&tails, s).standard(*x));
             standard.fold(f64::NEG_INFINITY, f64::max)
         };
-        let strongest = robots.iter().map(one).collect();
-        let own = Self::new(strongest, command, source)?;
-        Ok(Self {
-            tails: out.tails,
-            ..own
-        })
-    }
-
-    /// Tail of an effect by what shows it, else of the effect; the widest of all for one that no robot of the calibration
-    /// could show.
-    fn tail(&self, shown: &Shown) -> Tail {
-        let of = |key: &str| self.tails.get(key).copied();
-        let widest = || {
-            let reach = |t: &&Tail| t.middle + t.reach;
-            let all = self.tails.values();
-            all.max_by(|a, b| reach(a).total_cmp(&reach(b))).copied()
-        };
-        let own = of(&shown.key()).or_else(|| of(shown.name()));
-        own.or_else(widest).unwrap_or(Tail::PLAIN)
+        let own = Self::new(robots.iter().map(one).collect(), command, source)?;
+        Ok(Self { tails, ..own })
     }
 
     /// The same with what the best sets leave.
@@ -271,7 +264,7 @@ impl Calibration {
     /// Conformal p-value of an effect's evidence: the chance that a robot without a cause shows as much of any effect.
     #[must_use]
     pub fn p_value(&self, shown: &Shown, evidence: f64) -> f64 {
-        let standard = self.tail(shown).standard(evidence);
+        let standard = tail(&self.tails, shown).standard(evidence);
         let below = self.strongest.partition_point(|x| *x < standard);
         let n = self.strongest.len();
         (n - below + 1) as f64 / (n + 1) as f64
@@ -281,7 +274,7 @@ impl Calibration {
     /// than its absence by one over [`LEVEL`].
     #[must_use]
     pub fn ask(&self, shown: &Shown) -> f64 {
-        let tail = self.tail(shown);
+        let tail = tail(&self.tails, shown);
         (tail.middle + tail.reach * self.least()).max(-libm::log(LEVEL))
     }
 
