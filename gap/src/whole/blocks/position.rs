@@ -452,4 +452,46 @@ mod tests {
             assert!(found.len() <= 1, "{found:?}");
         }
     }
+
+    #[test]
+    fn a_servo_that_is_slower_than_stated_within_its_tolerance_has_no_limit() {
+        use crate::evidence::settle::settled;
+        let mut rng = Rng::new(3);
+        // Two and a half tolerances slow; the swing asks for more than that.
+        let most = 2.5 * (1.0 - 2.5 * 0.1);
+        let set = |i: usize| {
+            1.1 * crate::math::sin(0.063 * i as f64) + 0.35 * crate::math::sin(0.17 * i as f64)
+        };
+        let mut command = Track::default();
+        for i in 0..240 {
+            command.t_s.push(i as f64 * TICK_S);
+            command.v.push(set(i));
+        }
+        let mut position = Track::default();
+        let (mut q, fine_s) = (set(0), 1e-4);
+        for step in 0..(11.9 / fine_s) as usize {
+            if step % 100 == 0 {
+                position.t_s.push(step as f64 * fine_s);
+                position.v.push(q + NOISE_RAD * rng.normal());
+            }
+            q += fine_s * (GAIN * (set(step / 500) - q)).clamp(-most, most);
+        }
+        let input = Input {
+            command,
+            position: &position,
+            load_nm: &[],
+            load_step_s: 0.02,
+            limit: None,
+        };
+        let inputs = [input];
+        let nominal = White::new(raw(0, &inputs, &known(), &[]).expect("long enough"), 6);
+        let start = settled(&nominal);
+        assert!(!start.is_empty());
+        let limited = |start: &[(usize, f64)]| {
+            let (named, _) = searched(&inputs, start);
+            named.iter().any(|n| n.0 == Some(Effect::VelocityLimit))
+        };
+        assert!(limited(&[]), "around what is stated it looks like a limit");
+        assert_eq!(searched(&inputs, &start).0, [], "around {start:?}");
+    }
 }
