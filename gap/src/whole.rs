@@ -80,7 +80,7 @@ use crate::report::Subject;
 use crate::verdict::Verdict;
 use crate::vocabulary::Effect;
 pub use camera::Film;
-pub use causes::{Alternative, Causes, Nearest, Probabilities, Row, Value, Word};
+pub use causes::{Alternative, Causes, HeldOut, Nearest, Probabilities, Row, Shrink, Value, Word};
 use conventions::Conventions;
 use data::Data;
 use joints::Found;
@@ -196,7 +196,11 @@ impl Diagnosis {
     /// The nominal model with the effects found switched on, those that the simulator has.
     #[must_use]
     pub fn patch(&self) -> Model {
-        patch::patched(&self.model, patch::parts(&self.verdict.effects))
+        patch::patched(
+            &self.model,
+            patch::parts(&self.verdict.effects),
+            "gap report",
+        )
     }
 
     /// The report as one page on the data set that `subject` describes.
@@ -294,6 +298,8 @@ fn asked<T>(
         direct: &direct,
         films: &films,
         runs: &split.fit,
+        held: &split.score,
+        split: &split.how,
         withhold,
         calibration,
     };
@@ -309,8 +315,8 @@ pub fn name_causes(
     withhold: &[Effect],
     calibration: &Calibration,
 ) -> Result<Causes, WholeError> {
-    let found = asked(set, (withhold, calibration), causes::explain)?;
-    Ok(found.rows(calibration))
+    let (found, held_out) = asked(set, (withhold, calibration), causes::explain)?;
+    Ok(found.rows(calibration, held_out))
 }
 
 /// Blocks of a robot without a cause around its nominal model: what [`Spreads::learned`] learns from.

@@ -99,6 +99,7 @@ impl Read {
             evidence: self.evidence,
             asked: calibration.least(),
             alternatives: Vec::new(),
+            without: BTreeMap::new(),
         }
     }
 }
@@ -247,6 +248,7 @@ impl Explained {
             evidence,
             asked: calibration.least(),
             alternatives,
+            without: BTreeMap::new(),
         }
     }
 

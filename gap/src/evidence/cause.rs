@@ -76,6 +76,14 @@ pub struct Cause {
     pub shown_by: String,
 }
 
+impl Cause {
+    /// Block and column of every coefficient that it moves.
+    pub fn columns(&self) -> impl Iterator<Item = (usize, usize)> + '_ {
+        let all = self.latents.iter().flatten().chain(&self.mean);
+        all.map(|e| (e.0, e.1))
+    }
+}
+
 /// Spread of a shared cause between joints, as a share of its size: parts from one drawer, and parts that wear.
 const SPREADS: [f64; 3] = [0.02, 0.3, 1.0];
 /// Expected number of causes of a robot; the prior probability of one is this over the number of its kind. Two to

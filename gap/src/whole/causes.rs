@@ -1,7 +1,9 @@
 //! Causes of a robot's gap, shared by joints or not: blocks of the chain, groups of joints, the search.
 
+mod held_out;
 mod loads;
 mod readings;
+mod refine;
 mod rows;
 mod windings;
 
@@ -20,14 +22,16 @@ use super::direct::Reading;
 use super::nominal::{Nominal, inter, nominal};
 use super::windows::{LinkMap, PERIOD_S};
 use crate::decide::{Calibration, Shown};
-use crate::evidence::block::{Block, Column, Meaning, White};
+use crate::evidence::block::{Block, Column, Meaning, Raw, White};
 use crate::evidence::cause::{Cause, Group, Scope, causes, shared_slack};
 use crate::evidence::ensemble::Spreads;
 use crate::evidence::search::{Found, Problem};
 use crate::evidence::settle::settled;
 use crate::vocabulary::{Effect, Stage};
+pub use held_out::{HeldOut, Shrink};
 use loads::Loads;
 use readings::{reading, sure};
+use refine::Passes;
 pub use rows::{Alternative, Causes, Nearest, Probabilities, Row, Value, Word};
 use windings::{effort, signals};
 
@@ -46,8 +50,6 @@ const OFTEN: f64 = 0.01;
 const AT_LIMIT: f64 = 0.95;
 /// Slope of angle over set-point below which a joint turns the other way.
 const TURNED: f64 = -0.3;
-/// Most causes.
-const MOST: usize = 8;
 
 /// The groups of joints that may share a cause.
 fn groups() -> Vec<Group> {
@@ -84,6 +86,7 @@ fn plateau(torques_nm: &[f64]) -> Option<f64> {
 }
 
 /// What is asked.
+#[derive(Clone, Copy)]
 pub(super) struct Asked<'a> {
     pub(super) data: &'a Data,
     pub(super) model: &'a Model,
@@ -93,6 +96,9 @@ pub(super) struct Asked<'a> {
     /// The block of the films, and what they show at once.
     pub(super) films: &'a (Option<White>, Option<Reading>),
     pub(super) runs: &'a [usize],
+    /// Runs that no fit sees, and how they were chosen.
+    pub(super) held: &'a [usize],
+    pub(super) split: &'a str,
     pub(super) withhold: &'a [Effect],
     /// What a cause must add, and what robots without a cause differ by.
     pub(super) calibration: &'a Calibration,
@@ -114,6 +120,19 @@ impl Asked<'_> {
     }
 
     fn position(&self, k: usize, loads: &Loads, start: &[(usize, f64)]) -> Option<White> {
+        let raw = self.servo(k, loads, |inputs, known| {
+            position::raw(k, inputs, known, start)
+        })?;
+        Some(White::new(raw, ORDER))
+    }
+
+    /// What `then` makes of the servo of joint `k`.
+    fn servo<T>(
+        &self,
+        k: usize,
+        loads: &Loads,
+        then: impl FnOnce(&[position::Input<'_>], &position::Known) -> T,
+    ) -> T {
         let c = self.conventions;
         let servo = nominal(self.model, k);
         let echo = &c.echo[c.order[k]];
@@ -170,10 +189,17 @@ impl Asked<'_> {
             echoed: echo.late_s.is_some() || applied,
             row_s: inputs.first().map_or(0.02, |i| i.position.period_s()),
         };
-        Some(White::new(position::raw(k, &inputs, &known, start)?, ORDER))
+        then(&inputs, &known)
     }
 
-    fn torque(&self, k: usize, loads: &Loads, drawn: &[Track]) -> Option<White> {
+    /// Torques less what the motion takes; friction of one direction has this `sense`, or the one that shows.
+    fn torque_errors(
+        &self,
+        k: usize,
+        loads: &Loads,
+        drawn: &[Track],
+        sense: Option<f64>,
+    ) -> Option<Raw> {
         let servo = nominal(self.model, k);
         let motor = self.motor(k);
         let heard: Vec<Option<electrical::Signals<'_>>> = self
@@ -189,6 +215,7 @@ impl Asked<'_> {
             tolerance_nm_s: servo.damping_tolerance_nm_s_rad,
             blind: !tracked,
             coarse: !heard.iter().flatten().all(told),
+            sense,
             body: std::iter::once(mass)
                 .chain(loads.body.iter().map(|b| b.0.clone()))
                 .collect(),
@@ -223,10 +250,11 @@ impl Asked<'_> {
                 })
             })
             .collect();
-        Some(White::new(torque::raw(k, &inputs, &known)?, ORDER))
+        torque::raw(k, &inputs, &known)
     }
 
-    fn transmission(&self, k: usize, loads: &Loads) -> Option<White> {
+    /// Angles of a link less those of its motor.
+    fn link_errors(&self, k: usize, loads: &Loads) -> Option<Raw> {
         let inputs: Vec<transmission::Input<'_>> = self
             .runs
             .iter()
@@ -240,7 +268,7 @@ impl Asked<'_> {
                 })
             })
             .collect();
-        Some(White::new(transmission::raw(k, &inputs)?, ORDER))
+        transmission::raw(k, &inputs)
     }
 
     fn readings(&self) -> Vec<White> {
@@ -267,11 +295,12 @@ impl Asked<'_> {
             }
         }
         if self.conventions.mixed() {
-            out.push(sure(Effect::JointOrder, None, "permutation"));
+            let number = super::answer::permutation(&self.conventions.order);
+            out.push(sure(Effect::JointOrder, None, ("permutation", number)));
         }
         for (k, slope) in self.conventions.slope.iter().enumerate() {
             if slope.is_some_and(|s| s < TURNED) {
-                out.push(sure(Effect::JointSign, Some(k), "sign"));
+                out.push(sure(Effect::JointSign, Some(k), ("sign", -1.0)));
             }
         }
         out.retain(|b| {
@@ -284,12 +313,8 @@ impl Asked<'_> {
 
     /// The blocks of a robot around its nominal model.
     pub(super) fn nominal_blocks(&self, tier: Option<&mut body::Tier>) -> Vec<White> {
-        let neutral: Vec<f64> = super::body_library::coordinates(self.model)
-            .iter()
-            .map(|c| c.neutral)
-            .collect();
         let moves = body_block::moves(self.model, tier.as_ref().is_some_and(|t| t.link_measured));
-        let (loads, body) = self.world(tier, &moves, &neutral, &Starts::default());
+        let (loads, body) = self.world(tier, &moves, &Posed::nominal(self.model));
         self.blocks(&loads, body, &self.settled(&loads))
     }
 
@@ -303,25 +328,23 @@ impl Asked<'_> {
         each.try_into().unwrap_or_default()
     }
 
-    /// Loads of the joints and block of the base around `starts`.
+    /// Loads of the joints and block of the base around `theta` of the body.
     fn world(
         &self,
         tier: Option<&mut body::Tier>,
         moves: &[body_block::Move],
-        neutral: &[f64],
-        starts: &Starts,
-    ) -> (Loads, Option<White>) {
-        let theta = body_block::placed(moves, neutral, &starts.body);
+        at: &Posed,
+    ) -> World {
         let Some(tier) = tier else {
             let plain = [LinkMap::default(); JOINTS];
             return (Loads::new(self.data, self.params, &plain), None);
         };
-        tier.among(&theta);
-        let params = Arc::new(tier.params(&theta));
-        let loads = Loads::new(self.data, &params, &tier.links(&theta));
-        let loads = loads.with_body(self.data, tier, moves, &theta, &starts.body);
-        let block = body_block::block(tier, moves, neutral, &starts.body);
-        (loads, Some(block))
+        let (theta, start) = (&at.theta, &at.moved);
+        tier.among(theta);
+        let params = Arc::new(tier.params(theta));
+        let loads = Loads::new(self.data, &params, &tier.links(theta));
+        let loads = loads.with_body(self.data, tier, moves, theta, start);
+        (loads, Some(body_block::block(tier, moves, theta, start)))
     }
 
     /// All blocks around `theta` of the body.
@@ -338,11 +361,17 @@ impl Asked<'_> {
         let drawn = self.drawn();
         let torques: Vec<White> = (0..JOINTS)
             .into_par_iter()
-            .filter_map(|k| self.torque(k, loads, &drawn))
+            .filter_map(|k| {
+                Some(White::new(
+                    self.torque_errors(k, loads, &drawn, None)?,
+                    ORDER,
+                ))
+            })
             .collect();
         out.extend(torques);
         out.extend(self.electrical(&drawn));
-        out.extend((0..JOINTS).filter_map(|k| self.transmission(k, loads)));
+        let links = (0..JOINTS).filter_map(|k| self.link_errors(k, loads));
+        out.extend(links.map(|raw| White::new(raw, ORDER)));
         out.extend(body);
         out.extend(self.films.0.clone());
         out.extend(self.readings());
@@ -356,6 +385,8 @@ pub(super) struct Explained {
     pub(super) causes: Vec<Cause>,
     pub(super) always: Vec<Cause>,
     pub(super) found: Found,
+    /// Damping of a soft ground with its standard deviation, N s/m: no column has it.
+    pub(super) damping: [f64; 2],
 }
 
 /// Largest evidence that the `blocks` of a robot show for each effect.
@@ -381,78 +412,68 @@ pub(super) fn strongest(blocks: &[White], spreads: &Spreads) -> BTreeMap<Shown, 
 }
 
 /// Searches the causes.
-pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> Explained {
-    let neutral: Vec<f64> = super::body_library::coordinates(asked.model)
-        .iter()
-        .map(|c| c.neutral)
-        .collect();
-    let moves = body_block::moves(asked.model, tier.as_ref().is_some_and(|t| t.link_measured));
-    let mut starts = Starts::default();
-    let mut out: Option<Explained> = None;
-    let mut tier = tier;
-    let mut world: Option<World> = None;
-    // Block, column and coefficient of what the last pass found.
-    let mut explained: Vec<(usize, usize, f64)> = Vec::new();
-    for _ in 0..PASSES {
-        if world.as_ref().is_none_or(|w| w.0 != starts.body) {
-            let (loads, body) = asked.world(tier.as_deref_mut(), &moves, &neutral, &starts);
-            world = Some((starts.body.clone(), loads, body));
-        }
-        let Some((_, loads, body)) = &world else {
-            break;
-        };
-        if out.is_none() {
-            starts.joints = asked.settled(loads);
-        }
-        let whites = asked.blocks(loads, body.clone(), &starts.joints);
-        let blocks: Vec<Block> = whites
-            .iter()
-            .enumerate()
-            .map(|(i, w)| {
-                let own = explained.iter().filter(|e| e.0 == i);
-                let by: Vec<(usize, f64)> = own.map(|e| (e.1, e.2)).collect();
-                asked.calibration.spreads.taken_from(w, w.explained(&by))
-            })
-            .collect();
-        let all = causes(&blocks, &groups(), asked.withhold);
-        let always = shared_slack(&blocks, &asked.calibration.spreads);
-        let problem = Problem {
-            blocks: &blocks,
-            causes: &all,
-            always: &always,
-        };
-        let asks: Vec<f64> = all
-            .iter()
-            .map(|c| asked.calibration.ask(&c.into()))
-            .collect();
-        let found = problem.search(&asks, MOST);
-        let again = Starts::of(&problem, &found, &whites);
-        let nothing = explained.is_empty() && found.best.members.is_empty();
-        explained = problem.coefficients(&found.best.members);
-        let next = Explained {
-            blocks,
-            causes: all,
-            always,
-            found,
-        };
-        let same = out.as_ref().is_some_and(|o| o.names() == next.names());
-        out = Some(next);
-        if same || nothing {
+pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> (Explained, HeldOut) {
+    let mut search = Passes::new(asked, tier);
+    let mut out = search.pass();
+    // Causes in the pass before, and whether what is found is linearised around itself.
+    let (mut nothing, mut settled) = (true, false);
+    for _ in 1..PASSES {
+        let still = nothing;
+        nothing = out.found.best.members.is_empty();
+        if settled || (still && nothing) {
             break;
         }
-        starts = again;
+        search.refine(&out);
+        let next = search.pass();
+        settled = out.names() == next.names();
+        out = next;
     }
-    out.expect("at least one pass")
+    if !settled && !nothing {
+        search.refine(&out);
+    }
+    out.damping = search.posed.damping();
+    let held_out = search.held_out(&out);
+    (out, held_out)
 }
 
-/// The coefficients that body and loads were played with, and what they gave.
-type World = (Vec<(usize, f64)>, Loads, Option<White>);
+/// Loads, and the block of the base.
+type World = (Loads, Option<White>);
 
 /// Effect, joints and fixed parameters of a cause.
 type Name = (Option<Effect>, Vec<usize>, Vec<(&'static str, f64)>);
 
 /// Passes of search and linearisation.
 const PASSES: usize = 3;
+
+/// Where body and loads are played.
+#[derive(Debug, Clone, PartialEq)]
+struct Posed {
+    /// Coordinates of the body.
+    theta: Vec<f64>,
+    /// Their standard deviations.
+    spread: Vec<f64>,
+    /// Coefficients of the moves there.
+    moved: Vec<(usize, f64)>,
+}
+
+impl Posed {
+    fn nominal(model: &Model) -> Self {
+        let all = super::body_library::coordinates(model);
+        Self {
+            theta: all.iter().map(|c| c.neutral).collect(),
+            spread: all.iter().map(|c| c.sigma).collect(),
+            moved: Vec::new(),
+        }
+    }
+
+    /// Damping of a contact point and its standard deviation, N s/m; implicit steps damp a spring of their own accord.
+    fn damping(&self) -> [f64; 2] {
+        let at = body::B::GroundDamping as usize;
+        let give = self.theta[body::B::GroundGive as usize].max(1e-9);
+        let lent = 0.5 * super::windows::options(false).time_step_s / give;
+        [self.theta[at], libm::hypot(self.spread[at], lent / 1.96)]
+    }
+}
 
 /// Coefficients that blocks are linearised around.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -32,6 +32,16 @@ pub(super) struct Conventions {
 }
 
 impl Conventions {
+    /// The same where every joint follows its own set-points as they were sent.
+    pub(super) fn as_sent(&self) -> Self {
+        Self {
+            order: std::array::from_fn(|k| k),
+            echo_at: std::array::from_fn(|k| k),
+            echo: [Echo::NEUTRAL; JOINTS],
+            ..self.clone()
+        }
+    }
+
     /// Whether some joint follows another one's set-points.
     pub(super) fn mixed(&self) -> bool {
         self.order.iter().enumerate().any(|(k, from)| k != *from)

@@ -112,6 +112,13 @@ impl Track {
         let d: Vec<f64> = self.t_s.windows(2).map(|w| w[1] - w[0]).collect();
         crate::math::median(&d)
     }
+
+    /// Time from the first sample to the last, s.
+    #[must_use]
+    pub fn span_s(&self) -> f64 {
+        let ends = self.t_s.first().zip(self.t_s.last());
+        ends.map_or(0.0, |(from, to)| to - from)
+    }
 }
 
 /// What one joint showed in one run.

@@ -16,8 +16,12 @@ pub(super) fn parts(rows: &[EffectRow]) -> impl Iterator<Item = Part<'_>> {
     rows.iter().map(|r| (r.effect, r.joint, &r.parameters))
 }
 
-/// `model` with every effect of `parts` that the simulator knows.
-pub(super) fn patched<'a>(model: &Model, parts: impl IntoIterator<Item = Part<'a>>) -> Model {
+/// `model` with every effect of `parts` that the simulator knows, found by `command`.
+pub(super) fn patched<'a>(
+    model: &Model,
+    parts: impl IntoIterator<Item = Part<'a>>,
+    command: &str,
+) -> Model {
     let mut out = model.clone();
     out.set_name(&format!("{}, patched", model.name()));
     for (effect, joint, values) in parts {
@@ -30,7 +34,7 @@ pub(super) fn patched<'a>(model: &Model, parts: impl IntoIterator<Item = Part<'a
                 Parameter {
                     value: found.map_or(p.neutral, |e| e.value).clamp(p.min, p.max),
                     tolerance: found.map_or(0.0, |e| (e.ci95[1] - e.ci95[0]) / 3.92),
-                    source: "gap report".into(),
+                    source: command.into(),
                 }
             })
             .collect();

@@ -87,7 +87,8 @@ impl Runs<'_> {
         data: &Data,
         parts: impl IntoIterator<Item = Part<'p>>,
     ) -> BTreeMap<usize, f64> {
-        let Ok(params) = Params::try_from(&patched(self.model, parts)).map(Arc::new) else {
+        let Ok(params) = Params::try_from(&patched(self.model, parts, "gap report")).map(Arc::new)
+        else {
             return BTreeMap::new();
         };
         let mut gaits: BTreeMap<usize, Vec<f64>> = BTreeMap::new();

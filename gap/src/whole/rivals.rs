@@ -83,7 +83,7 @@ fn class(d: &Parts, v: &Verdict, model: &Model) -> Option<Vec<Explanation>> {
         Some(Explanation {
             effect,
             parameters,
-            model: patched(model, parts(&rows)),
+            model: patched(model, parts(&rows), "gap report"),
         })
     };
     let all: Vec<Explanation> = members.filter_map(|m| explain(m.effect)).collect();

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 
 use super::body::WINDOW_S;
 use super::data::{Data, JOINTS, Run, Track};
-use super::echo::Echo;
 use super::nominal::Nominal;
 use super::servo::{self, J, JointRun, Load, Trace};
 use super::{body, camera, joints, regime};
@@ -89,12 +88,7 @@ impl Score {
         conventions: &super::Conventions,
         loads: &[[Load; JOINTS]],
     ) -> Self {
-        let plain = super::Conventions {
-            order: std::array::from_fn(|k| k),
-            echo_at: std::array::from_fn(|k| k),
-            echo: [Echo::NEUTRAL; JOINTS],
-            ..conventions.clone()
-        };
+        let plain = conventions.as_sent();
         let of = |f: &joints::Found| {
             let k = f.tier.joint;
             let prepare =

@@ -70,6 +70,24 @@ pub(super) struct Limits {
     pub(super) rough: bool,
 }
 
+impl Limits {
+    /// Of a fit without a selection: nominal numbers stay within three tolerances.
+    pub(super) const FIT: Self = Self {
+        share: 0.0,
+        least: 0.0,
+        relative: 0.0,
+        of_first: 0.0,
+        floor: 1.0,
+        independent: 1.0,
+        most: 0,
+        beyond: 3.0,
+        refined: 0,
+        iterations: 0,
+        remainder: 0.0,
+        rough: false,
+    };
+}
+
 /// A fitted state.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Fit {

@@ -57,6 +57,16 @@ impl Move {
         }
     }
 
+    /// The coefficient that comes nearest to a step from `nominal` to `theta`.
+    pub(in crate::whole) fn coefficient(&self, theta: &[f64], nominal: &[f64]) -> f64 {
+        let (mut xy, mut xx) = (0.0, 0.0);
+        for (at, along) in &self.along {
+            xy += along * (theta[*at] - nominal[*at]);
+            xx += along * along;
+        }
+        xy / xx
+    }
+
     /// Coordinates after a coefficient of `step`.
     pub(in crate::whole) fn from(&self, theta: &[f64], step: f64) -> Vec<f64> {
         let mut out = theta.to_vec();
@@ -242,14 +252,14 @@ fn change([first, second]: &[Vec<[f64; NUMBERS]>; PLAYS]) -> Vec<[f64; NUMBERS]>
     first.iter().zip(second).map(window).collect()
 }
 
-/// The block of the base around the coefficients `start`; coefficients count from the neutral values.
+/// The block of the base around `theta`, where the moves have the coefficients `start`; these count from the neutral
+/// values.
 pub(in crate::whole) fn block(
     tier: &Tier,
     moves: &[Move],
-    neutral: &[f64],
+    theta: &[f64],
     start: &[(usize, f64)],
 ) -> White {
-    let theta = &placed(moves, neutral, start);
     let here = tier.whitened(theta);
     let roots: Vec<f64> = here
         .iter()

@@ -5,6 +5,7 @@
 //! regressor, and a late encoder would explain the noise (seen: 100 times the evidence of any planted cause).
 
 mod lost;
+mod played;
 mod servo;
 mod shapes;
 
@@ -14,8 +15,10 @@ use crate::vocabulary::{Effect, Stage};
 use super::super::data::Track;
 use super::super::nominal::Nominal;
 use lost::Lost;
-use servo::{Grid, Law};
-use shapes::{Change, Shape, shape, shapes};
+pub(in crate::whole) use played::{Played, errors_rad};
+use servo::Grid;
+pub(in crate::whole) use servo::Law;
+use shapes::{Change, Shape, shape};
 
 /// What two simulators of one servo differ by from one angle to the next: rad, and share of the angle's spread. The
 /// old servo of the diagnosis and the emulated driver of `hil-sim`, both at their own steps, differ by 0.2 mrad on
@@ -132,6 +135,22 @@ pub(in crate::whole) fn regular(track: Track) -> Track {
     out
 }
 
+/// What may be different about the servo of these runs.
+fn shapes(known: &Known, grids: &[Grid]) -> Vec<Shape> {
+    let mut all = shapes::shapes(known);
+    if !known.echoed && !known.applied {
+        let steps = steps_rad(grids, Law::nominal(&known.nominal));
+        for (i, step) in steps.into_iter().enumerate() {
+            let column = Column {
+                prior: [1.0, 0.05],
+                ..Column::played(Effect::Quantisation, "step_rad", 0.0, step, i)
+            };
+            all.push(shape(column, Change::Step(step), 1.0));
+        }
+    }
+    all
+}
+
 /// The block of joint `joint` around the coefficients `start`; `None` without a run that is long enough.
 pub(in crate::whole) fn raw(
     joint: usize,
@@ -140,34 +159,8 @@ pub(in crate::whole) fn raw(
     start: &[(usize, f64)],
 ) -> Option<Raw> {
     let grids: Vec<Grid> = inputs.iter().filter_map(Grid::new).collect();
-    let base = Law {
-        gain: known.nominal.gain_per_s,
-        most: known.nominal.max_speed_rad_s,
-        ratio: 1.0,
-        share: 1.0,
-        offset: 0.0,
-        scale: 1.0,
-        delay_s: 0.0,
-        clock: 1.0,
-        step: 0.0,
-        soft_band: 0.0,
-        hard_band: 0.0,
-        feedback_delay_s: 0.0,
-        lag_s: 0.0,
-        droop: 0.0,
-        drift: 0.0,
-        lopsided: 0.0,
-    };
-    let mut all = shapes(known);
-    if !known.echoed && !known.applied {
-        for (i, step) in steps_rad(&grids, base).into_iter().enumerate() {
-            let column = Column {
-                prior: [1.0, 0.05],
-                ..Column::played(Effect::Quantisation, "step_rad", 0.0, step, i)
-            };
-            all.push(shape(column, Change::Step(step), 1.0));
-        }
-    }
+    let base = Law::nominal(&known.nominal);
+    let all = shapes(known, &grids);
     let heard = known.echoed || known.applied;
     // Lost set-points are found again beside the rest: their column stands behind all others.
     let there_already: Vec<(usize, f64)> =
@@ -406,7 +399,10 @@ mod tests {
         };
         let is_late =
             |s: &Shape| matches!(s.change, Change::Delay(size) if size > 0.05 && size < 1.0);
-        let late = shapes(&known).iter().position(is_late).expect("a delay");
+        let late = shapes(&known, &[])
+            .iter()
+            .position(is_late)
+            .expect("a delay");
         let raw = raw(0, &[input], &known, &[(late, 1.0)]).expect("long enough");
         let s = &raw.segments[0];
         let left = less(&s.y, &s.x[late]);
@@ -453,12 +449,9 @@ mod tests {
         }
     }
 
-    #[test]
-    fn a_servo_that_is_slower_than_stated_within_its_tolerance_has_no_limit() {
-        use crate::evidence::settle::settled;
+    /// A swing whose speed is limited, in fine steps.
+    fn limited(most_rad_s: f64) -> (Track, Track) {
         let mut rng = Rng::new(3);
-        // Two and a half tolerances slow; the swing asks for more than that.
-        let most = 2.5 * (1.0 - 2.5 * 0.1);
         let set = |i: usize| {
             1.1 * crate::math::sin(0.063 * i as f64) + 0.35 * crate::math::sin(0.17 * i as f64)
         };
@@ -474,16 +467,27 @@ mod tests {
                 position.t_s.push(step as f64 * fine_s);
                 position.v.push(q + NOISE_RAD * rng.normal());
             }
-            q += fine_s * (GAIN * (set(step / 500) - q)).clamp(-most, most);
+            q += fine_s * (GAIN * (set(step / 500) - q)).clamp(-most_rad_s, most_rad_s);
         }
-        let input = Input {
-            command,
-            position: &position,
+        (command, position)
+    }
+
+    fn input((command, position): &(Track, Track)) -> Input<'_> {
+        Input {
+            command: command.clone(),
+            position,
             load_nm: &[],
             load_step_s: 0.02,
             limit: None,
-        };
-        let inputs = [input];
+        }
+    }
+
+    #[test]
+    fn a_servo_that_is_slower_than_stated_within_its_tolerance_has_no_limit() {
+        use crate::evidence::settle::settled;
+        // Two and a half tolerances slow; the swing asks for more than that.
+        let run = limited(2.5 * (1.0 - 2.5 * 0.1));
+        let inputs = [input(&run)];
         let nominal = White::new(raw(0, &inputs, &known(), &[]).expect("long enough"), 6);
         let start = settled(&nominal);
         assert!(!start.is_empty());
@@ -493,5 +497,29 @@ mod tests {
         };
         assert!(limited(&[]), "around what is stated it looks like a limit");
         assert_eq!(searched(&inputs, &start).0, [], "around {start:?}");
+    }
+
+    #[test]
+    fn a_cause_far_from_what_is_stated_is_fitted_where_it_is() {
+        // Between the limits that are played, and down to a twelfth of the stated one.
+        for most_rad_s in [0.97, 0.41, 0.2] {
+            let run = limited(most_rad_s);
+            let inputs = [input(&run)];
+            let (named, start) = searched(&inputs, &[]);
+            assert!(
+                named.iter().any(|n| n.0 == Some(Effect::VelocityLimit)),
+                "{most_rad_s}: {named:?}"
+            );
+            let played = Played::new(&inputs, &known());
+            let law = played.law(played.fitted(&start));
+            let found = law.most * law.share;
+            assert!(
+                (found / most_rad_s - 1.0).abs() < 0.01,
+                "{most_rad_s}: {found}"
+            );
+            // The noise of the start stays where the speed is limited.
+            let left = errors_rad(&inputs, &law)[0].expect("long enough");
+            assert!(left < 4.0 * NOISE_RAD, "{most_rad_s}: {left}");
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! The torque given the motion: what the motor gave less what the body needed along the measured motion.
 
-use crate::evidence::block::{Column, Noisy, Raw, Segment, Site};
+use crate::evidence::block::{Column, Meaning, Noisy, Raw, Segment, Site};
 use crate::vocabulary::{Effect, Stage};
 
 use super::super::data::Track;
@@ -17,6 +17,8 @@ const TURN_RAD_S: f64 = 0.02;
 const SLOW_RAD_S: f64 = 0.1;
 /// Speeds of the Stribeck curve that are played, rad/s.
 const STRIBECK_RAD_S: [f64; 4] = [0.03, 0.06, 0.12, 0.25];
+/// Number of the shape of a friction that has one direction alone.
+const ONE_SIDED: usize = 1;
 /// Periods of a ripple per turn.
 const PERIODS: usize = 24;
 /// Inertia that a ratio of 1 stands for, kg m2: half of the robot about a joint.
@@ -53,6 +55,8 @@ pub(in crate::whole) struct Known {
     pub(in crate::whole) blind: bool,
     /// Duties alone tell the torque.
     pub(in crate::whole) coarse: bool,
+    /// Sense of the motion that friction of one direction has; `None` = the one that shows.
+    pub(in crate::whole) sense: Option<f64>,
     /// Parameters of the body behind [`Input::body_nm`].
     pub(in crate::whole) body: Vec<Column>,
     /// Coefficients that the loads are already played with.
@@ -144,7 +148,7 @@ fn friction([damping_nm_s, tolerance_nm_s]: [f64; 2], sense: f64) -> Vec<Term> {
     let one = |key| {
         let mut column = Column::linear(Effect::AsymmetricFriction, key, 0.0, 0.4);
         column.parameter.scale = sense;
-        column.shaped(1, &[]).at_least_neutral()
+        column.shaped(ONE_SIDED, &[]).at_least_neutral()
     };
     out.push(term(one("difference_nm"), move |r| {
         0.5 * sense * (sense * r.side).max(0.0)
@@ -230,6 +234,14 @@ fn sense(inputs: &[Input<'_>], damping_nm_s: f64) -> f64 {
     }
 }
 
+/// Sense of the motion that friction of one direction has in these `columns`.
+pub(in crate::whole) fn sense_in(columns: &[Column]) -> Option<f64> {
+    let one_sided = |c: &&Column| {
+        c.meaning == Meaning::Effect(Effect::AsymmetricFriction) && c.shape == ONE_SIDED
+    };
+    columns.iter().find(one_sided).map(|c| c.parameter.scale)
+}
+
 /// Torque less load and nominal damping, N m; no number where no torque was measured.
 fn errors(rows: &[Row], input: &Input<'_>, damping_nm_s: f64) -> Vec<f64> {
     let one = |r: &Row| {
@@ -292,7 +304,9 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
         .map(|i| crate::math::mean(&i.position.v))
         .collect();
     let of_joint = [
-        sense(inputs, known.damping_nm_s),
+        known
+            .sense
+            .unwrap_or_else(|| sense(inputs, known.damping_nm_s)),
         crate::math::mean(&middles),
     ];
     for input in inputs {

@@ -9,8 +9,12 @@ const SHAPE: usize = 200;
 /// Least error of a number that was read off, as a share of it.
 const LEAST_ERROR: f64 = 0.02;
 
-/// A convention that set-points and angles show at once, as a block of one row.
-pub(super) fn sure(effect: Effect, joint: Option<usize>, key: &'static str) -> White {
+/// A convention that set-points and angles show at once, with its `value`, as a block of one row.
+pub(super) fn sure(
+    effect: Effect,
+    joint: Option<usize>,
+    (key, value): (&'static str, f64),
+) -> White {
     let segment = Segment {
         y: vec![SURE],
         x: vec![vec![SURE]],
@@ -22,7 +26,9 @@ pub(super) fn sure(effect: Effect, joint: Option<usize>, key: &'static str) -> W
         blind: false,
         coarse: false,
     };
-    let column = Column::linear(effect, key, 0.0, 1.0).shaped(SHAPE, &[]);
+    // The value is counted, not measured: nothing lies between two of them.
+    let mut column = Column::linear(effect, key, 0.0, 1.0).shaped(SHAPE, &[]);
+    (column.parameter.scale, column.prior) = (value, [1.0, 1e-6]);
     White::whitened(site, vec![column], &[segment], [1.0, SURE])
 }
 

@@ -2,13 +2,16 @@
 
 use std::collections::BTreeMap;
 
+use files::model::Model;
 use serde::Serialize;
 
-use super::Explained;
+use super::{Explained, HeldOut};
 use crate::decide::Calibration;
 use crate::evidence::cause::{Cause, Scope};
 use crate::evidence::search::{Posterior, Rival};
+use crate::verdict::Estimate;
 use crate::vocabulary::Effect;
+use crate::whole::patch::patched;
 
 /// A value of one cause: at the joint that has most of it, with all joints beside.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -61,6 +64,9 @@ pub struct Row {
     pub asked: f64,
     /// Nearest others.
     pub alternatives: Vec<Alternative>,
+    /// Errors of the held-out runs, by signal, with all causes but this one; empty where none were compared.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub without: BTreeMap<&'static str, f64>,
 }
 
 /// The cause that comes nearest to what is asked of it and is not named.
@@ -116,6 +122,8 @@ pub struct Causes {
     pub probabilities: Probabilities,
     /// What is not named and comes nearest.
     pub nearest: Option<Nearest>,
+    /// How far the gap shrinks on runs that no fit saw.
+    pub held_out: HeldOut,
     /// How many robots without a cause say what a cause must add.
     pub null_robots: usize,
 }
@@ -154,7 +162,12 @@ fn named(key: &'static str, (value, sd): (f64, f64)) -> (&'static str, f64, [f64
     }
 }
 
-fn values(cause: &Cause, p: &Posterior, first: usize) -> BTreeMap<&'static str, Value> {
+fn values(
+    cause: &Cause,
+    p: &Posterior,
+    first: usize,
+    damping: [f64; 2],
+) -> BTreeMap<&'static str, Value> {
     let mut out: BTreeMap<&'static str, Value> = BTreeMap::new();
     let mut count: BTreeMap<&'static str, f64> = BTreeMap::new();
     for (i, own) in cause.numbers.iter().enumerate() {
@@ -182,9 +195,13 @@ fn values(cause: &Cause, p: &Posterior, first: usize) -> BTreeMap<&'static str, 
         ["amplitude_nm", "phase_rad"],
     );
     for (key, value) in &cause.fixed {
+        let [value, off] = match *key {
+            "damping_n_s_m" => [damping[0], 1.96 * damping[1]],
+            _ => [*value, 0.0],
+        };
         let fixed = Value {
-            value: *value,
-            ci95: [*value; 2],
+            value,
+            ci95: [value - off, value + off],
             by_joint: BTreeMap::new(),
         };
         out.entry(key).or_insert(fixed);
@@ -269,9 +286,43 @@ fn sentence(word: Word, rows: &[Row]) -> String {
     }
 }
 
+impl Row {
+    /// What a patch takes of it: one entry a joint, or one of the robot.
+    fn parts(&self) -> Vec<(Effect, Option<usize>, BTreeMap<String, Estimate>)> {
+        let Some(effect) = self.effect.and_then(Effect::from_name) else {
+            return Vec::new();
+        };
+        let of = |joint: Option<usize>| {
+            let values = self.values.iter().map(|(key, v)| {
+                let own = joint.and_then(|k| v.by_joint.get(&k));
+                let value = *own.unwrap_or(&v.value);
+                let ci95 = v.ci95.map(|end| end - v.value + value);
+                ((*key).to_owned(), Estimate { value, ci95 })
+            });
+            (effect, joint, values.collect())
+        };
+        if self.joints.is_empty() {
+            return vec![of(None)];
+        }
+        self.joints.iter().map(|k| of(Some(*k))).collect()
+    }
+}
+
+impl Causes {
+    /// `model` with the causes found switched on, those that the simulator has.
+    #[must_use]
+    pub fn patch(&self, model: &Model) -> Model {
+        let parts: Vec<_> = self.causes.iter().flat_map(Row::parts).collect();
+        let of = parts
+            .iter()
+            .map(|(effect, joint, values)| (*effect, *joint, values));
+        patched(model, of, "gap causes")
+    }
+}
+
 impl Explained {
     /// Causes in words and numbers, decided by `calibration`.
-    pub(in crate::whole) fn rows(&self, calibration: &Calibration) -> Causes {
+    pub(in crate::whole) fn rows(&self, calibration: &Calibration, held_out: HeldOut) -> Causes {
         let problem = self.problem();
         let posterior = problem.posterior(&self.found.best.members);
         let members = self.found.best.members.iter().enumerate();
@@ -293,12 +344,13 @@ impl Explained {
                     scope: cause.scope,
                     joints: cause.joints.clone(),
                     kind,
-                    values: values(cause, &posterior, posterior.first[i]),
+                    values: values(cause, &posterior, posterior.first[i], self.damping),
                     probability: (1.0 - p_value) / (1.0 + others),
                     p_value,
                     evidence,
                     asked: calibration.ask(&cause.into()),
                     alternatives,
+                    without: held_out.without[i].clone(),
                 }
             })
             .collect();
@@ -335,6 +387,7 @@ impl Explained {
                     asked: calibration.ask(&cause.into()),
                 }
             }),
+            held_out,
             null_robots: calibration.strongest.len(),
         }
     }

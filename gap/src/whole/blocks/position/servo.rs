@@ -2,6 +2,7 @@
 
 use super::Input;
 use crate::whole::data::Track;
+use crate::whole::nominal::Nominal;
 
 /// Step of the integrals, s: the drivers' own is 1 ms, the recordings' 5 to 50 ms.
 pub(super) const STEP_S: f64 = 0.002;
@@ -35,7 +36,7 @@ pub(super) struct Grid {
 /// The servo: `v = clamp(P (c - q))` with what may be different about it. Neutral values are those of the nominal
 /// model.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Law {
+pub(in crate::whole) struct Law {
     pub(super) gain: f64,
     pub(super) most: f64,
     /// Gain and speed limit as shares of these.
@@ -58,6 +59,28 @@ pub(super) struct Law {
 }
 
 impl Law {
+    /// The nominal one.
+    pub(super) fn nominal(servo: &Nominal) -> Self {
+        Self {
+            gain: servo.gain_per_s,
+            most: servo.max_speed_rad_s,
+            ratio: 1.0,
+            share: 1.0,
+            offset: 0.0,
+            scale: 1.0,
+            delay_s: 0.0,
+            clock: 1.0,
+            step: 0.0,
+            soft_band: 0.0,
+            hard_band: 0.0,
+            feedback_delay_s: 0.0,
+            lag_s: 0.0,
+            droop: 0.0,
+            drift: 0.0,
+            lopsided: 0.0,
+        }
+    }
+
     fn error(&self, c: f64, q: f64) -> f64 {
         let mut e = c * self.scale + self.offset - q;
         if e.abs() < self.hard_band {

@@ -1,0 +1,168 @@
+//! Causes of a robot's gap on recordings of a stand-in: named with their sizes, and how far runs that no fit saw come nearer.
+
+mod robot;
+
+use files::model::{Effect as E, Model};
+use gap::decide::Calibration;
+use gap::whole::{Causes, DataSet, name_causes};
+use robot::{Plan, Reality, films, record};
+
+fn causes(plan: &Plan, reality: &Reality) -> Causes {
+    let (manifest, recordings) = record(plan, reality);
+    let set = DataSet {
+        manifest: &manifest,
+        recordings: &recordings,
+        films: &[],
+        model: &Model::hand_tuned(),
+    };
+    name_causes(set, &[], &Calibration::shipped()).expect("diagnosable")
+}
+
+fn planted(effect: E, joint: Option<u8>, values: &[f64]) -> Reality {
+    Reality::with(|m| m.set_effect(effect, joint, values).expect("in range"))
+}
+
+/// What is planted, the key and value that must be found with its relative error, the signal that comes nearer, and the
+/// share of its error that stays at most.
+type Planted<'a> = (
+    &'a Plan,
+    E,
+    Option<u8>,
+    f64,
+    &'static str,
+    f64,
+    &'static str,
+    f64,
+);
+
+#[test]
+fn a_cause_has_its_size_and_the_runs_held_out_come_nearer_by_it() {
+    let plain = Plan::default();
+    let bare = Plan {
+        base: false,
+        effort: false,
+        ..Plan::default()
+    };
+    let linked = Plan {
+        link: true,
+        ..Plan::default()
+    };
+    let cases: [Planted<'_>; 4] = [
+        (
+            &bare,
+            E::Latency,
+            Some(4),
+            0.15,
+            "delay_s",
+            0.05,
+            "position_rmse_rad",
+            0.1,
+        ),
+        (
+            &bare,
+            E::VelocityLimit,
+            Some(0),
+            0.3,
+            "limit_rad_s",
+            0.05,
+            "position_rmse_rad",
+            0.1,
+        ),
+        (
+            &plain,
+            E::CoulombFriction,
+            Some(1),
+            0.5,
+            "torque_nm",
+            0.15,
+            "effort_rmse_nm",
+            0.8,
+        ),
+        (
+            &linked,
+            E::Compliance,
+            Some(0),
+            30.0,
+            "stiffness_nm_rad",
+            0.1,
+            "link_rmse_rad",
+            0.7,
+        ),
+    ];
+    for (plan, effect, joint, value, key, within, signal, most) in cases {
+        let found = causes(plan, &planted(effect, joint, &[value]));
+        let [cause] = found.causes.as_slice() else {
+            panic!("{effect:?}: {:?}", found.causes);
+        };
+        assert_eq!(cause.effect, Some(effect.name()));
+        assert_eq!(cause.joints, [usize::from(joint.expect("one"))]);
+        let size = cause.values[key].value;
+        assert!((size / value - 1.0).abs() < within, "{effect:?}: {size}");
+        let held = &found.held_out;
+        assert_eq!(held.runs.len(), 2, "every third of six gaits");
+        let e = &held.errors[signal];
+        assert!(e.after < most * e.before, "{effect:?}: {e:?}");
+        // One cause: without it the runs are as far off as with nominal numbers alone.
+        let without = cause.without[signal];
+        assert!(e.after < without, "{effect:?}: {without} {e:?}");
+    }
+}
+
+#[test]
+fn a_robot_without_a_cause_comes_no_nearer_and_says_so() {
+    let found = causes(&Plan::default(), &Reality::default());
+    assert!(found.causes.is_empty(), "{:?}", found.causes);
+    for (signal, e) in &found.held_out.errors {
+        assert!(e.after <= e.calibrated, "{signal}: {e:?}");
+    }
+}
+
+#[test]
+fn joints_in_another_order_have_the_number_of_their_permutation() {
+    // What was meant for joint 1 reaches joint 2, for 2 joint 3, for 3 joint 1: 0 2 3 1 4 5, the 30th in lexicographic order.
+    let columns = [0, 3, 1, 2, 4, 5];
+    let follow = move |p: &[f64; 6]| columns.map(|c: usize| p[c]);
+    let reality = Reality {
+        path: Box::new(move |s| s.iter().map(follow).collect()),
+        ..Reality::default()
+    };
+    let bare = Plan {
+        base: false,
+        effort: false,
+        ..Plan::default()
+    };
+    let found = causes(&bare, &reality);
+    let [cause] = found.causes.as_slice() else {
+        panic!("{:?}", found.causes);
+    };
+    assert_eq!(cause.effect, Some("joint_order"));
+    assert!((cause.values["permutation"].value - 30.0).abs() < 1e-6);
+    let e = &found.held_out.errors["position_rmse_rad"];
+    assert!(e.after < 0.1 * e.before, "{e:?}");
+}
+
+#[test]
+fn a_turned_camera_with_another_clock_is_named_with_both_sizes() {
+    let plan = Plan {
+        gaits: 4,
+        effort: false,
+        ..Plan::default()
+    };
+    let (manifest, recordings) = record(&plan, &Reality::default());
+    let view = camera::View::new(2.6, (0.0, 0.0), 0.15, (320, 240), 290.0).expect("a camera");
+    let set = DataSet {
+        manifest: &manifest,
+        recordings: &recordings,
+        films: &films(&manifest, &recordings, &view, 0.4),
+        model: &Model::hand_tuned(),
+    };
+    let found = name_causes(set, &[], &Calibration::shipped()).expect("diagnosable");
+    for (effect, key, value, within) in [
+        ("camera_yaw", "angle_rad", 0.15, 0.02),
+        ("camera_time_shift", "shift_s", 0.4, 0.03),
+    ] {
+        let row = found.causes.iter().find(|r| r.effect == Some(effect));
+        let size = row.unwrap_or_else(|| panic!("{:?}", found.causes)).values[key].value;
+        assert!((size - value).abs() < within, "{effect}: {size}");
+    }
+}
