@@ -174,7 +174,7 @@ pub const EXAMPLES: &[Examples] = &[
     (
         "gap causes",
         &[
-            "gap causes set",
+            "gap causes set --patch patch.toml",
             "gap causes set --calibration own.json --json",
         ],
     ),

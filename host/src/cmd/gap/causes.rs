@@ -10,7 +10,7 @@ use gap::bench;
 use gap::decide::{Calibration, CalibrationError};
 use gap::evidence::block::White;
 use gap::vocabulary::Effect;
-use gap::whole::{Causes, DataSet, Film, Row, calibrated, name_causes, null_blocks};
+use gap::whole::{Causes, DataSet, Film, HeldOut, Row, calibrated, name_causes, null_blocks};
 
 use super::input;
 use super::report::effect;
@@ -31,6 +31,12 @@ pub(super) struct Args {
     /// Leave an effect out of the library
     #[arg(long, value_name = "EFFECT", value_parser = effect)]
     withhold: Vec<Effect>,
+    /// Write the causes of a robot as a patch of its model, for `gap predict`, `sim` and `optimise`
+    #[arg(long, value_name = "FILE")]
+    patch: Option<PathBuf>,
+    /// Replace an existing file
+    #[arg(long, requires = "patch")]
+    force: bool,
 }
 
 /// Options of `gap calibrate`.
@@ -70,8 +76,17 @@ const ROBOT_READ: f64 = 0.01;
 
 /// Names the causes of a data set.
 pub(super) fn run(args: &Args, context: &Context) -> Outcome {
+    if let Some(path) = &args.patch {
+        disk::must_be_free(path, args.force)?;
+    }
     let phases = context.out.phases("reading the recordings");
     let input = input::read(&args.data, context)?;
+    if args.patch.is_some() && input.manifest.robot == Robot::Bench {
+        let message = "a joint on a bench has no model of a robot to patch";
+        return Err(
+            Failure::say(Exit::Usage, message).hint("`rb-host gap report DATA --patch FILE`")
+        );
+    }
     let calibration = calibration(args.calibration.as_deref(), input.manifest.robot)?;
     let _now = interrupt::at_once("stopping: nothing is written");
     let read = match input.manifest.robot {
@@ -86,13 +101,17 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
             .map_err(bad)
     } else {
         Whole::read(&args.data, &input).and_then(|robot| {
-            name_causes(robot.set(&input), &args.withhold, &calibration)
-                .map(Answer::Robot)
-                .map_err(bad)
+            let found =
+                name_causes(robot.set(&input), &args.withhold, &calibration).map_err(bad)?;
+            Ok(Answer::Robot(Box::new((found, robot.model))))
         })
     };
     drop(phases);
     let found = found?;
+    if let (Some(path), Answer::Robot(robot)) = (&args.patch, &found) {
+        disk::write(path, robot.0.patch(&robot.1).to_toml().as_bytes())?;
+        context.out.wrote(path);
+    }
     let mut json = found
         .json()
         .map_err(|e| Failure::new(Exit::Other, anyhow::Error::new(e)))?;
@@ -133,14 +152,15 @@ impl Whole {
 /// What was found, of either kind.
 enum Answer {
     Joint(bench::Causes),
-    Robot(Causes),
+    /// With the nominal model.
+    Robot(Box<(Causes, Model)>),
 }
 
 impl Answer {
     fn json(&self) -> serde_json::Result<serde_json::Value> {
         match self {
             Self::Joint(found) => serde_json::to_value(found),
-            Self::Robot(found) => serde_json::to_value(found),
+            Self::Robot(found) => serde_json::to_value(&found.0),
         }
     }
 
@@ -155,8 +175,10 @@ impl Answer {
                 );
                 out
             }
-            Self::Robot(f) => {
+            Self::Robot(found) => {
+                let f = &found.0;
                 let mut out = text(&f.sentence, &f.causes);
+                let _ = write!(out, "{}", shrinks(&f.held_out));
                 if let Some(near) = &f.nearest {
                     let what = name(near.effect);
                     let _ = writeln!(
@@ -176,6 +198,20 @@ impl Answer {
             }
         }
     }
+}
+
+/// How far the gap shrinks, signal by signal.
+fn shrinks(held_out: &HeldOut) -> String {
+    let (runs, split) = (held_out.runs.len(), &held_out.split);
+    let mut out = format!("\nErrors of {runs} runs ({split}):\n");
+    for (signal, e) in &held_out.errors {
+        let _ = writeln!(
+            out,
+            "  {signal:<18} {:.4} nominal, {:.4} calibrated, {:.4} with the causes",
+            e.before, e.calibrated, e.after
+        );
+    }
+    out
 }
 
 /// The data sets below a folder, in order of their names.
