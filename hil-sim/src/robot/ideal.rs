@@ -149,6 +149,11 @@ impl IdealMotors {
         self.drivers[joint].1.forgets_watchdogs = lost;
     }
 
+    /// Packets that take the torque of a driver are lost from now on, or no longer.
+    pub fn keep_torque(&mut self, joint: usize, lost: bool) {
+        self.drivers[joint].1.keeps_torque = lost;
+    }
+
     /// Whether a driver lets go by itself when nobody talks to it any more.
     #[must_use]
     pub fn has_watchdog(&self, joint: usize) -> bool {

@@ -543,6 +543,26 @@ fn a_driver_that_comes_back_loses_torque_before_its_watchdog_is_cleared() {
     }
 }
 
+/// The same where the packets that take its torque are lost for a while: a watchdog that has tripped holds it back until they come.
+#[test]
+fn a_driver_that_keeps_its_torque_keeps_its_tripped_watchdog() {
+    for joint in 0..6 {
+        let (mut robot, _) = running(1, 10_000);
+        robot.motors().borrow_mut().trouble(joint, Trouble::Missing);
+        robot.run_for(8_000_000);
+        robot.motors().borrow_mut().keep_torque(joint, true);
+        robot.motors().borrow_mut().trouble(joint, Trouble::None);
+        for _ in 0..20_000 {
+            robot.run_for(20);
+            assert!(!robot.motors().borrow().is_driving(joint), "joint {joint}");
+        }
+        assert!(robot.motors().borrow().torque(joint), "nothing took it");
+        robot.motors().borrow_mut().keep_torque(joint, false);
+        robot.run_for(400_000);
+        assert!(!robot.motors().borrow().torque(joint), "joint {joint}");
+    }
+}
+
 /// The driver's tick comes round every 262 ms. A measurement that stood still counted as a new one after 200 ms.
 #[test]
 fn a_measurement_that_stands_still_stays_lost() {

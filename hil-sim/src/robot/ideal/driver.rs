@@ -30,6 +30,8 @@ pub(super) struct Ideal {
     pub(super) clock_ratio: f64,
     /// Packets that set its watchdog are lost.
     pub(super) forgets_watchdogs: bool,
+    /// Packets that take its torque are lost.
+    pub(super) keeps_torque: bool,
     /// How fast it moves, rad/s; `None` = it stands at once where it is told.
     pub(super) speed_rad_s: Option<u32>,
     pub(super) moved_ns: u64,
@@ -56,6 +58,7 @@ impl Ideal {
             tripped: false,
             clock_ratio: 1.0,
             forgets_watchdogs: false,
+            keeps_torque: false,
             speed_rad_s: None,
             moved_ns: 0,
         }
@@ -169,6 +172,7 @@ impl DriverHandler for Ideal {
                     self.position_urad = value;
                 }
             }
+            Register::TorqueEnable if self.keeps_torque && value == 0 => {}
             Register::TorqueEnable => {
                 let on = value == 1;
                 if on && self.registers.get(Register::HardwareError) != 0 {
