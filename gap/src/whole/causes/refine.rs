@@ -140,6 +140,7 @@ impl<'a> Passes<'a> {
         let (moves, own) = (&self.moves, &self.coordinates);
         let nominal = Posed::nominal(self.asked.model).theta;
         let along = start.iter().flat_map(|s| &moves[s.0].along);
+        // A fit frees the coordinates of its candidates, whatever they are called.
         let freed = Candidate {
             effect: Effect::Mass,
             joint: None,

@@ -78,8 +78,11 @@ impl Played {
     /// Coefficients that fit best: of the causes in `start`, and of nominal numbers within three tolerances.
     pub(in crate::whole) fn fitted(&self, start: &[(usize, f64)]) -> Vec<(usize, f64)> {
         let count = self.shapes.len();
-        let (own, other): (Vec<_>, Vec<_>) = start.iter().copied().partition(|s| s.0 < count);
-        let free: Vec<usize> = own.iter().map(|s| s.0).collect();
+        if start.iter().any(|s| s.0 >= count) {
+            // Beside lost set-points, which are not played here, all numbers would be wrong.
+            return start.to_vec();
+        }
+        let free: Vec<usize> = start.iter().map(|s| s.0).collect();
         // What a cause changes has no tolerance beside it.
         let kind = |shape: &Shape| discriminant(&shape.change);
         let moved: Vec<_> = free.iter().map(|c| kind(&self.shapes[*c])).collect();
@@ -96,10 +99,11 @@ impl Played {
             .map(|s| coordinate(&s.column, sigma(s)))
             .collect();
         let mut theta = vec![0.0; count];
-        for (c, by) in &own {
+        for (c, by) in start {
             let [low, high] = coordinates[*c].range;
             theta[*c] = by.clamp(low, high);
         }
+        // A fit frees the coordinates of its candidates, whatever they are called.
         let freed = Candidate {
             effect: Effect::LoopGain,
             joint: None,
@@ -116,8 +120,8 @@ impl Played {
             },
         };
         let theta = search.fit(&theta, &[0], STEPS).theta;
-        let moved = theta.into_iter().enumerate().filter(|(_, by)| *by != 0.0);
-        moved.chain(other).collect()
+        let moved = theta.into_iter().enumerate();
+        moved.filter(|(_, by)| *by != 0.0).collect()
     }
 }
 
