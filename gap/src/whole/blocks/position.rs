@@ -265,17 +265,22 @@ mod tests {
         }
     }
 
+    /// Twelve seconds of set-points.
+    fn sent(set: impl Fn(usize) -> f64) -> Track {
+        let ticks = 0..240;
+        Track {
+            t_s: ticks.clone().map(|i| i as f64 * TICK_S).collect(),
+            v: ticks.map(set).collect(),
+        }
+    }
+
     /// Set-points of a slow swing, and the closed form of a loop that follows them `late_s` late with gain `GAIN *
     /// ratio`.
     fn run([late_s, ratio, offset]: [f64; 3], row_s: f64, rng: &mut Rng) -> (Track, Track) {
         let set = |i: usize| {
             0.6 * crate::math::sin(0.063 * i as f64) + 0.2 * crate::math::sin(0.17 * i as f64)
         };
-        let mut command = Track::default();
-        for i in 0..240 {
-            command.t_s.push(i as f64 * TICK_S);
-            command.v.push(set(i));
-        }
+        let command = sent(set);
         let mut position = Track::default();
         let mut q = set(0);
         for row in 0..(11.9 / row_s) as usize {
@@ -455,11 +460,7 @@ mod tests {
         let set = |i: usize| {
             1.1 * crate::math::sin(0.063 * i as f64) + 0.35 * crate::math::sin(0.17 * i as f64)
         };
-        let mut command = Track::default();
-        for i in 0..240 {
-            command.t_s.push(i as f64 * TICK_S);
-            command.v.push(set(i));
-        }
+        let command = sent(set);
         let mut position = Track::default();
         let (mut q, fine_s) = (set(0), 1e-4);
         for step in 0..(11.9 / fine_s) as usize {

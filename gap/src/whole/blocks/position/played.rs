@@ -11,7 +11,7 @@ use crate::whole::search::{Candidate, Coordinate, Evaluate, Limits, Search};
 
 /// Most steps of a fit.
 const STEPS: usize = 12;
-/// Step of a slope, and most of a coefficient, in units of its size.
+/// Step of a slope, and most of a coefficient, in units of its size: numerics of the fit, which decide no name.
 const STEP: f64 = 0.02;
 const MOST: f64 = 20.0;
 
