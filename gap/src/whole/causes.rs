@@ -428,7 +428,7 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> (Expl
         settled = out.names() == next.names();
         out = next;
     }
-    if !settled && !nothing {
+    if !settled && !(nothing && out.found.best.members.is_empty()) {
         search.refine(&out);
     }
     out.damping = search.posed.damping();

@@ -1,6 +1,8 @@
 //! Passes of linearisation and search, and the point that the next one is linearised around: where the causes found fit
 //! best when they are played.
 
+use rayon::prelude::*;
+
 use super::super::blocks::body::{self as body_block, Move, placed};
 use super::super::blocks::position::Played;
 use super::super::body::Tier;
@@ -9,8 +11,6 @@ use super::super::data::JOINTS;
 use super::super::search::{Candidate, Coordinate, Limits, Search};
 use super::loads::Loads;
 use super::{Asked, Explained, Posed, Starts, World, groups};
-use rayon::prelude::*;
-
 use crate::evidence::block::{Block, White};
 use crate::evidence::cause::{causes, shared_slack};
 use crate::evidence::search::Problem;
