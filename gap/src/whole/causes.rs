@@ -428,7 +428,8 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> (Expl
         settled = out.names() == next.names();
         out = next;
     }
-    if !settled && !(nothing && out.found.best.members.is_empty()) {
+    let none = nothing && out.found.best.members.is_empty();
+    if !settled && !none {
         search.refine(&out);
     }
     out.damping = search.posed.damping();
