@@ -150,7 +150,8 @@ fn check(effect: &str, key: &str, value: f64) -> Result<(), EffectError> {
         "feedback_delay" => (0.0..=1.0).contains(&value),
         "clock_skew" => (0.5..=2.0).contains(&value),
         "loop_gain" | "damping_gain" => (0.0..=100.0).contains(&value),
-        "joint_scale" | "joint_offset" | "gravity_load" => value.abs() <= 100.0,
+        "joint_scale" => value != 0.0 && value.abs() <= 100.0,
+        "joint_offset" | "gravity_load" => value.abs() <= 100.0,
         "velocity_limit" => value > 0.0,
         _ => !value.is_nan(),
     };

@@ -462,9 +462,7 @@ impl Driver {
         self.edges = edges;
         let convention = &self.params.convention;
         let since_reset_rad = (edges - zero) as f64 * sensors.edge_rad;
-        self.readings.position_rad = since_reset_rad * convention.sign * convention.scale
-            + convention.offset_rad
-            + self.home_rad;
+        self.readings.position_rad = convention.wire_rad(since_reset_rad) + self.home_rad;
         moved
     }
 

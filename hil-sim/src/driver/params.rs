@@ -5,15 +5,23 @@ use protocol::bus::Profile;
 use super::control::ControlParams;
 use super::transport::TransportParams;
 
-/// Conventions between the wire and the joint; neutral +1, 1, 0.
+/// Conventions between the wire and the joint, `joint = sign * scale * wire + offset`; neutral +1, 1, 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConventionParams {
     /// `joint_sign`: -1 mirrors set-points and readings.
     pub sign: f64,
-    /// `joint_scale`: wire angle over true angle.
+    /// `joint_scale`: true angle over wire angle; not zero.
     pub scale: f64,
-    /// `joint_offset`: wire angle at the true zero [rad].
+    /// `joint_offset`: true angle at the wire's zero [rad].
     pub offset_rad: f64,
+}
+
+impl ConventionParams {
+    /// Angle on the wire of a joint at `joint_rad` [rad].
+    #[must_use]
+    pub fn wire_rad(&self, joint_rad: f64) -> f64 {
+        (joint_rad - self.offset_rad) * self.sign / self.scale
+    }
 }
 
 impl Default for ConventionParams {
