@@ -1,6 +1,6 @@
 //! Blocks of prediction errors and their columns.
 
-use super::linear::{cholesky, forward};
+use super::linear::{cholesky, dot, forward};
 use super::noise::{self, Whitening};
 use crate::vocabulary::{Effect, Stage};
 
@@ -325,8 +325,7 @@ fn eliminate(all: &mut [f64], n: usize, slack: &[f64]) {
     }
     for a in 0..n {
         for b in 0..n {
-            let dot: f64 = solved[a].iter().zip(&solved[b]).map(|(x, y)| x * y).sum();
-            all[a * n + b] -= dot;
+            all[a * n + b] -= dot(&solved[a], &solved[b]);
         }
     }
 }

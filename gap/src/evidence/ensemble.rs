@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use rayon::prelude::*;
 
 use super::block::{Block, Column, Meaning, Site, White};
-use super::linear::{backward, cholesky, forward, inverse, log_determinant};
+use super::linear::{backward, cholesky, forward, inverse_diagonal, log_determinant};
 use crate::vocabulary::Stage;
 
 /// Passes; the slowest columns move by 1 % in the last one.
@@ -342,13 +342,13 @@ impl Spreads {
         let (spread, by) = (self.of(block), self.share(block, 0.0));
         let (own, l, mut mean) = factored(block, &spread, by);
         let m = own.len();
-        let covariance = inverse(&l, m);
+        let variance = inverse_diagonal(&l, m);
         backward(&l, m, &mut mean);
         let n = block.columns.len() + 1;
         own.iter()
             .enumerate()
             .filter_map(|(i, p)| {
-                let square = mean[i] * mean[i] + covariance[i * m + i];
+                let square = mean[i] * mean[i] + variance[i];
                 // What a column cannot show in this block says nothing about its spread.
                 let shows = block.products[p * n + p] * by * size(&block.columns[*p]).powi(2) > 1.0;
                 let n = name(&block.site, &block.columns[*p]).filter(|_| shows)?;
