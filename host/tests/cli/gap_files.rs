@@ -152,6 +152,34 @@ fn a_joint_gets_a_page_a_motion_and_predictions_that_hold_the_error() {
 }
 
 #[test]
+fn a_patch_of_causes_predicts_runs_that_no_fit_saw() {
+    let folder = Folder::new("files_causes");
+    let cause = "velocity_limit@2:0.3";
+    let made = ["make-case", cause, "--gaits", "3", "-o", "./slow"];
+    trials(&folder, &made).expect("a case");
+    let asked = ["--json", "gap", "causes", "slow", "--patch", "patch.toml"];
+    let found = rb(&folder, &asked).expect(0).json();
+    assert_eq!(found["causes"][0]["effect"], "velocity_limit", "{found}");
+    // Nothing is written over.
+    let again = rb(&folder, &asked).expect(2);
+    assert!(again.err.contains("patch.toml"), "{}", again.err);
+    let run = found["held_out"]["runs"][0].as_str().expect("a run");
+    let measured = Columns::read(&folder.path(&format!("slow/{run}")));
+    let error = |model: &str| {
+        let by = ["--patch", model, "-o", "p", "--force"];
+        rb(&folder, &[&["gap", "predict", "slow"], &by[..]].concat()).expect(0);
+        let said = Columns::read(&folder.path(&format!("p/{run}")));
+        // A robot is predicted on rows of its own.
+        let (t_s, angle) = (said.get("t_s"), said.get("position_rad_2"));
+        let at = |t: f64| angle[t_s.partition_point(|x| *x < t - 1e-6).min(angle.len() - 1)];
+        let there: Vec<f64> = measured.get("t_s").into_iter().map(at).collect();
+        rmse(&measured.get("position_rad_2"), &there)
+    };
+    let (before, after) = (error("slow/model.toml"), error("patch.toml"));
+    assert!(after < 0.2 * before, "{before} to {after}");
+}
+
+#[test]
 fn a_robot_gets_a_page_a_gait_and_predictions() {
     let folder = Folder::new("files_robot");
     let cause = "torque_limit@2:0.8";
