@@ -131,6 +131,9 @@ fn a_robot_without_a_cause_has_none_and_few_of_them_calibrate_nothing() {
         .json();
     assert_eq!(found["verdict"], "none", "{found}");
     assert_eq!(found["causes"].as_array().unwrap().len(), 0, "{found}");
+    let none = ["gap", "calibrate", "--nulls", ".", "-o", "own.json"];
+    let refused = rb(&folder, &none).expect(3);
+    assert!(refused.err.contains("no folder in it"), "{}", refused.err);
     let few = ["gap", "calibrate", "--nulls", "nulls", "-o", "own.json"];
     let refused = rb(&folder, &few).expect(3);
     assert!(

@@ -219,6 +219,11 @@ fn sets(folder: &Path) -> Outcome<Vec<PathBuf>> {
     let entries = std::fs::read_dir(folder).map_err(|e| disk::bad_file(folder, &e))?;
     let mut out: Vec<PathBuf> = entries.flatten().map(|e| e.path()).collect();
     out.retain(|p| p.join("dataset.toml").is_file());
+    if out.is_empty() {
+        let message = format!("{}: no folder in it has a dataset.toml", folder.display());
+        return Err(Failure::say(Exit::BadFile, message)
+            .hint("`--nulls` takes the folder that holds the data sets"));
+    }
     out.sort();
     Ok(out)
 }
