@@ -80,7 +80,9 @@ use crate::report::Subject;
 use crate::verdict::Verdict;
 use crate::vocabulary::Effect;
 pub use camera::Film;
-pub use causes::{Alternative, Causes, HeldOut, Nearest, Probabilities, Row, Shrink, Value, Word};
+pub use causes::{
+    Alternative, Causes, HeldOut, Nearest, Place, Probabilities, Row, Shrink, Value, Word,
+};
 use conventions::Conventions;
 use data::Data;
 use joints::Found;

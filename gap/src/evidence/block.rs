@@ -254,7 +254,7 @@ pub struct Block {
     pub site: Site,
     /// Its columns.
     pub columns: Vec<Column>,
-    /// Rows that count.
+    /// Rows that count, by the share that the model error leaves them.
     pub rows: f64,
     /// Products of columns, row-major.
     pub gram: Vec<f64>,
@@ -409,7 +409,7 @@ impl White {
             .collect();
         Block {
             site: self.site,
-            rows: self.rows,
+            rows: by * self.rows,
             gram,
             moment: (0..c).map(|a| all[a * n + c]).collect(),
             square: all[n * n - 1],

@@ -2,6 +2,7 @@
 
 mod held_out;
 mod loads;
+mod places;
 mod readings;
 mod refine;
 mod rows;
@@ -30,6 +31,7 @@ use crate::evidence::settle::settled;
 use crate::vocabulary::{Effect, Stage};
 pub use held_out::{HeldOut, Shrink};
 use loads::Loads;
+pub use places::Place;
 use readings::{reading, sure};
 use refine::Passes;
 pub use rows::{Alternative, Causes, Nearest, Probabilities, Row, Value, Word};

@@ -53,10 +53,13 @@ enum Name {
     Dataset,
     /// The JSON of `gap report`
     Verdict,
+    /// The JSON of `gap causes`
+    Causes,
 }
 
-/// Schema of the verdict, as published.
+/// Schemas of what a diagnosis says, as published.
 const VERDICT: &str = include_str!("../../../docs/schema/gap-1.json");
+const CAUSES: &str = include_str!("../../../docs/schema/gap-2.json");
 
 /// Works on model files.
 ///
@@ -80,6 +83,7 @@ fn schema(name: Name) -> String {
         Name::Robot => Format::Robot,
         Name::Dataset => Format::Dataset,
         Name::Verdict => return VERDICT.to_owned(),
+        Name::Causes => return CAUSES.to_owned(),
     };
     format!("{:#}\n", format.schema())
 }

@@ -118,6 +118,10 @@ fn a_centre_of_mass_that_is_off_is_named_first() {
     assert!(found["causes"][0]["evidence"].as_f64() > found["causes"][0]["asked"].as_f64());
     // A robot without a cause comes near to something, too.
     assert!(found["nearest"]["evidence"].is_number(), "{found}");
+    let places = found["where"].as_array().unwrap();
+    assert_eq!(places[0]["stage"], "body", "{found}");
+    let shares = places.iter().map(|p| p["share"].as_f64().unwrap());
+    assert!((shares.sum::<f64>() - 1.0).abs() < 1e-9, "{found}");
 }
 
 #[test]
@@ -131,6 +135,7 @@ fn a_robot_without_a_cause_has_none_and_few_of_them_calibrate_nothing() {
         .json();
     assert_eq!(found["verdict"], "none", "{found}");
     assert_eq!(found["causes"].as_array().unwrap().len(), 0, "{found}");
+    assert_eq!(found["where"].as_array().unwrap().len(), 0, "{found}");
     let none = ["gap", "calibrate", "--nulls", ".", "-o", "own.json"];
     let refused = rb(&folder, &none).expect(3);
     assert!(refused.err.contains("no folder in it"), "{}", refused.err);

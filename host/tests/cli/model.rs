@@ -11,6 +11,7 @@ fn schemas_are_printed_as_published() {
         ("robot", "robot.json"),
         ("dataset", "dataset.json"),
         ("verdict", "gap-1.json"),
+        ("causes", "gap-2.json"),
     ] {
         let printed = rb(&folder, &["model", "schema", name]).expect(0).out;
         let path = format!("{}/../docs/schema/{file}", env!("CARGO_MANIFEST_DIR"));

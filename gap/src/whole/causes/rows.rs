@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use files::model::Model;
 use serde::Serialize;
 
+use super::places::Place;
 use super::{Explained, HeldOut};
 use crate::decide::Calibration;
 use crate::evidence::cause::{Cause, Scope};
@@ -116,6 +117,9 @@ pub struct Causes {
     pub verdict: Word,
     /// One sentence.
     pub sentence: String,
+    /// Where the gap lies, largest part first; empty where no cause is named.
+    #[serde(rename = "where")]
+    pub places: Vec<Place>,
     /// Causes, strongest first.
     pub causes: Vec<Row>,
     /// None and unknown.
@@ -375,6 +379,7 @@ impl Explained {
             schema: "rb.gap/2",
             verdict: word,
             sentence: sentence(word, &rows),
+            places: self.places(),
             causes: rows,
             probabilities: Probabilities { none, unknown },
             nearest: next.map(|(c, evidence)| {

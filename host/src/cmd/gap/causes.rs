@@ -10,7 +10,9 @@ use gap::bench;
 use gap::decide::{Calibration, CalibrationError};
 use gap::evidence::block::White;
 use gap::vocabulary::Effect;
-use gap::whole::{Causes, DataSet, Film, HeldOut, Row, calibrated, name_causes, null_blocks};
+use gap::whole::{
+    Causes, DataSet, Film, HeldOut, Place, Row, calibrated, name_causes, null_blocks,
+};
 
 use super::input;
 use super::report::effect;
@@ -178,6 +180,7 @@ impl Answer {
             Self::Robot(found) => {
                 let f = &found.0;
                 let mut out = text(&f.sentence, &f.causes);
+                out.push_str(&places(&f.places));
                 let _ = write!(out, "{}", shrinks(&f.held_out));
                 if let Some(near) = &f.nearest {
                     let what = name(near.effect);
@@ -198,6 +201,21 @@ impl Answer {
             }
         }
     }
+}
+
+/// Places below this share of the gap are left out of the text.
+const SMALL: f64 = 0.01;
+
+/// Where the gap lies.
+fn places(all: &[Place]) -> String {
+    let large = all.iter().filter(|p| p.share >= SMALL);
+    let list: Vec<String> = large
+        .map(|p| format!("{} {:.0} %", p.plain, 100.0 * p.share))
+        .collect();
+    if list.is_empty() {
+        return String::new();
+    }
+    format!("\nWhere the gap lies: {}.\n", list.join(", "))
 }
 
 /// How far the gap shrinks, signal by signal.
