@@ -167,25 +167,30 @@ impl Problem<'_> {
         }
     }
 
+    /// Block, column and mean of every coefficient that each member of a set moves, and of those that are always there.
+    #[must_use]
+    pub fn by_member(&self, members: &[usize]) -> (Vec<Entries>, Entries) {
+        let posterior = self.posterior(members);
+        let mut means = posterior.mean.iter();
+        let mut of = |cause: &Cause| -> Entries {
+            let mut out = cause.mean.clone();
+            for (latent, by) in cause.latents.iter().zip(&mut means) {
+                out.extend(latent.iter().map(|(b, c, w)| (*b, *c, by * w)));
+            }
+            out
+        };
+        let named = members.iter().map(|m| of(&self.causes[*m])).collect();
+        (named, self.always.iter().flat_map(of).collect())
+    }
+
     /// Block, column and mean of every coefficient that a set moves.
     #[must_use]
-    pub fn coefficients(&self, members: &[usize]) -> Vec<(usize, usize, f64)> {
-        let posterior = self.posterior(members);
-        let mut out: Vec<(usize, usize, f64)> = Vec::new();
-        let mut add = |entry: &(usize, usize, f64), by: f64| match out
-            .iter_mut()
-            .find(|o| (o.0, o.1) == (entry.0, entry.1))
-        {
-            Some(own) => own.2 += by * entry.2,
-            None => out.push((entry.0, entry.1, by * entry.2)),
-        };
-        for (m, first) in members.iter().zip(&posterior.first) {
-            let cause = &self.causes[*m];
-            cause.mean.iter().for_each(|e| add(e, 1.0));
-            for (i, latent) in cause.latents.iter().enumerate() {
-                latent
-                    .iter()
-                    .for_each(|e| add(e, posterior.mean[first + i]));
+    pub fn coefficients(&self, members: &[usize]) -> Entries {
+        let mut out = Entries::new();
+        for entry in self.by_member(members).0.into_iter().flatten() {
+            match out.iter_mut().find(|o| (o.0, o.1) == (entry.0, entry.1)) {
+                Some(own) => own.2 += entry.2,
+                None => out.push(entry),
             }
         }
         out

@@ -38,16 +38,13 @@ impl Place {
 /// Stage of what no cause explains.
 const UNEXPLAINED: &str = "unexplained";
 
-/// A coefficient of a member: block, column and value.
-type Part = (usize, usize, f64);
-
 impl Explained {
     /// Parts of the gap, largest first; none where no cause was found.
     pub(super) fn places(&self) -> Vec<Place> {
         if self.found.best.members.is_empty() {
             return Vec::new();
         }
-        let (members, always) = self.coefficients();
+        let (members, always) = self.problem().by_member(&self.found.best.members);
         let mut totals: Vec<Vec<f64>> = self
             .blocks
             .iter()
@@ -80,26 +77,6 @@ impl Explained {
         let mut out: Vec<Place> = sums.into_iter().map(one).collect();
         out.sort_by(|a, b| b.share.total_cmp(&a.share));
         out
-    }
-
-    /// Coefficients of each member, and of what simulators differ by in all blocks alike.
-    fn coefficients(&self) -> (Vec<Vec<Part>>, Vec<Part>) {
-        let problem = self.problem();
-        let posterior = problem.posterior(&self.found.best.members);
-        let mut at = 0;
-        let mut of = |latents: &[Vec<Part>], mean: &[Part]| -> Vec<Part> {
-            let mut out = mean.to_vec();
-            for latent in latents {
-                let by = posterior.mean[at];
-                at += 1;
-                out.extend(latent.iter().map(|(b, c, w)| (*b, *c, w * by)));
-            }
-            out
-        };
-        let named = self.found.best.members.iter().map(|m| &self.causes[*m]);
-        let members = named.map(|c| of(&c.latents, &c.mean)).collect();
-        let always = self.always.iter().flat_map(|c| of(&c.latents, &c.mean));
-        (members, always.collect())
     }
 }
 
