@@ -133,7 +133,7 @@ fn driver_effects_show_as_named() {
     );
     assert!((banded[2] - 0.09).abs() < 1e-4, "{banded:?}");
     let scaled = step_response(&mut bench(&[("joint_scale", "ratio", 2.0)]), 0.1, &times);
-    assert!((scaled[2] - 0.2).abs() < 2e-4, "{scaled:?}");
+    assert!((scaled[2] - 0.2).abs() < 1e-4, "{scaled:?}");
     let mirrored = step_response(&mut bench(&[("joint_sign", "sign", -1.0)]), 0.1, &times);
     assert!((mirrored[2] + 0.1).abs() < 1e-4, "{mirrored:?}");
     let offset = step_response(
