@@ -34,6 +34,16 @@ impl Columns {
         self.rows.iter().map(|r| r[k]).collect()
     }
 
+    /// The column `name` at other times: of each the first row that is not before it by more than `early_s`.
+    fn at(&self, name: &str, t_s: &[f64], early_s: f64) -> Vec<f64> {
+        let (own_s, value) = (self.get("t_s"), self.get(name));
+        let row = |t: &f64| {
+            let next = own_s.partition_point(|own| *own < t - early_s);
+            value[next.min(value.len() - 1)]
+        };
+        t_s.iter().map(row).collect()
+    }
+
     /// The same file without the columns for which `response` holds.
     fn without(&self, response: impl Fn(&str) -> bool) -> String {
         let kept: Vec<usize> = (0..self.names.len())
@@ -170,13 +180,12 @@ fn a_patch_of_causes_predicts_runs_that_no_fit_saw() {
         rb(&folder, &[&["gap", "predict", "slow"], &by[..]].concat()).expect(0);
         let said = Columns::read(&folder.path(&format!("p/{run}")));
         // A robot is predicted on rows of its own.
-        let (t_s, angle) = (said.get("t_s"), said.get("position_rad_2"));
-        let at = |t: f64| angle[t_s.partition_point(|x| *x < t - 1e-6).min(angle.len() - 1)];
-        let there: Vec<f64> = measured.get("t_s").into_iter().map(at).collect();
+        let there = said.at("position_rad_2", &measured.get("t_s"), 1e-6);
         rmse(&measured.get("position_rad_2"), &there)
     };
     let (before, after) = (error("slow/model.toml"), error("patch.toml"));
-    assert!(after < 0.2 * before, "{before} to {after}");
+    // Measured: 0.567 rad to 0.005 rad.
+    assert!(before > 0.5 && after < 0.01, "{before} to {after}");
 }
 
 #[test]
@@ -219,10 +228,7 @@ fn a_robot_gets_a_page_a_gait_and_predictions() {
     }
     // Joints follow in the prediction as they did on the robot; rows are 20 ms apart there.
     let said = Columns::read(&folder.path(&format!("p/{asked}")));
-    let (t, angle) = (said.get("t_s"), said.get("position_rad_1"));
-    let (t_read, read) = (secret.get("t_s"), secret.get("position_rad_1"));
-    let nearest = |t_s: f64| t.partition_point(|t| *t < t_s - 0.01).min(t.len() - 1);
-    let at: Vec<f64> = t_read.iter().map(|t_s| angle[nearest(*t_s)]).collect();
-    let error = rmse(&at, &read);
+    let at = said.at("position_rad_1", &secret.get("t_s"), 0.01);
+    let error = rmse(&at, &secret.get("position_rad_1"));
     assert!(error < 0.1, "{error}");
 }

@@ -44,10 +44,30 @@ pub(crate) struct Done {
     pub(crate) err: String,
 }
 
+/// The published schema of what calls itself `name`.
+fn published(name: &str) -> Option<serde_json::Value> {
+    let file = match name {
+        "rb.gap/1" => "gap-1.json",
+        "rb.gap/2" => "gap-2.json",
+        _ => return None,
+    };
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/schema");
+    let text = std::fs::read_to_string(path.join(file)).unwrap();
+    Some(serde_json::from_str(&text).unwrap())
+}
+
 impl Done {
+    /// What was printed; a verdict is held to its published schema.
+    #[track_caller]
     pub(crate) fn json(&self) -> serde_json::Value {
         let last = self.out.lines().last().unwrap_or_default();
-        serde_json::from_str(last).unwrap_or_else(|e| panic!("{e}: {self:?}"))
+        let value: serde_json::Value =
+            serde_json::from_str(last).unwrap_or_else(|e| panic!("{e}: {self:?}"));
+        if let Some(schema) = value["schema"].as_str().and_then(published) {
+            let valid = jsonschema::validate(&schema, &value);
+            assert!(valid.is_ok(), "{valid:?}\n{value}");
+        }
+        value
     }
 
     #[track_caller]
