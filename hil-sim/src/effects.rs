@@ -337,8 +337,22 @@ mod tests {
         assert!(text("ground_slope", None, "roll_rad", 0.1).contains("physics model"));
         assert!(text("latency", None, "seconds", 0.1).contains("it has delay_s"));
         assert!(text("latency", Some(6), "delay_s", 0.1).contains("joints 0 to 5"));
-        assert!(text("packet_loss", None, "probability", 1.5).contains("no usable value"));
-        assert!(text("coulomb_friction", None, "torque_nm", f64::NAN).contains("no usable value"));
-        assert!(text("joint_order", None, "permutation", 720.0).contains("no usable value"));
+        for (effect, key, value) in [
+            ("packet_loss", "probability", 1.5),
+            ("coulomb_friction", "torque_nm", f64::NAN),
+            ("joint_order", "permutation", 720.0),
+            ("joint_sign", "sign", 0.5),
+            ("joint_scale", "ratio", 0.0),
+            ("joint_scale", "ratio", f64::INFINITY),
+            ("latency", "delay_s", -0.1),
+            ("feedback_delay", "delay_s", 1.1),
+            ("clock_skew", "ratio", 0.4),
+            ("loop_gain", "ratio", -1.0),
+            ("joint_offset", "offset_rad", f64::NAN),
+            ("velocity_limit", "limit_rad_s", 0.0),
+        ] {
+            let said = text(effect, None, key, value);
+            assert!(said.contains("no usable value"), "{effect} {value}: {said}");
+        }
     }
 }
