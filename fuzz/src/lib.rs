@@ -15,6 +15,7 @@ mod pictures;
 mod recording;
 mod robot;
 pub mod seeds;
+mod servos;
 mod texts;
 mod wires;
 
@@ -36,6 +37,7 @@ pub struct Target {
 /// All of them.
 pub const TARGETS: &[Target] = &[
     binary("bus", 512, wires::bus),
+    binary("servos", 512, servos::servos),
     binary("link", 1024, wires::link),
     binary("robot", 1024, robot::orders),
     binary("flash", 512, flash::operations),

@@ -40,6 +40,7 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
                 1, 2, 6, 1, 2, 3, 4, 5, 6, 4, 0xFE, 8, 0, 4, 19, 0, 1, 2, 3, 4,
             ],
         ],
+        "servos" => SERVOS.iter().map(|input| input.to_vec()).collect(),
         "link" => orders()
             .iter()
             .map(|order| [&[0, order[0], (order.len() - 1) as u8][..], &order[1..]].concat())
@@ -53,6 +54,29 @@ pub fn of(target: &str) -> Vec<Vec<u8>> {
         _ => Vec::new(),
     }
 }
+
+/// Profiles of two drivers, then packets: ping, torque, a goal and a Sync Read of either framing, a registered write, other bauds.
+const SERVOS: &[&[u8]] = &[
+    &[
+        1, 3, 0, 1, 0, 0, 0, 1, 2, 3, 64, 0, 1, 0, 1, 2, 6, 116, 0, 0, 8, 0, 0, 0, 0xFE, 9, 6, 132,
+        0, 4, 0, 1, 2,
+    ],
+    &[
+        4, 5, 3, 1, 1, 0, 3, 1, 3, 2, 40, 1, 3, 1, 3, 7, 42, 0, 8, 0, 0, 0, 0, 3, 0xFE, 0x82, 4,
+        56, 2, 1, 2,
+    ],
+    &[
+        4, 4, 3, 1, 4, 3, 42, 0, 4, 3, 0xFE, 5, 0, 3, 1, 6, 0, 3, 1, 8, 0, 3, 2, 3, 2, 6, 3,
+    ],
+    &[
+        0, 2, 7, 1, 0, 7, 2, 1, 132, 4, 7, 1, 3, 2, 1, 2, 7, 2, 4, 50, 0, 1, 3, 5, 64, 0, 1, 0, 1,
+        0xFE, 4, 0,
+    ],
+    &[
+        2, 0, 6, 0, 0, 1, 0, 0, 6, 2, 1, 0xFE, 12, 5, 1, 132, 0, 4, 0, 2, 0xFE, 14, 5, 2, 132, 0,
+        4, 0, 5, 0, 3, 0xFF, 0xFF, 0xFD,
+    ],
+];
 
 fn texts(texts: &[&str]) -> Vec<Vec<u8>> {
     texts.iter().map(|text| text.as_bytes().to_vec()).collect()

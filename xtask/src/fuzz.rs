@@ -8,6 +8,7 @@ use std::process::Stdio;
 /// Targets with the longest input, as `fuzz::TARGETS` has them; a test of `fuzz` holds the list.
 const TARGETS: &[(&str, usize)] = &[
     ("bus", 512),
+    ("servos", 512),
     ("link", 1024),
     ("robot", 1024),
     ("flash", 512),
