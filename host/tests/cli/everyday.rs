@@ -568,4 +568,8 @@ fn ctrl_c_in_the_diagnosis_of_a_robot_ends_it_and_writes_nothing() {
     assert_eq!(child.wait().unwrap().code(), Some(130), "{said}");
     assert!(said.contains("stopped; nothing was written"), "{said}");
     assert!(!folder.path("v.json").exists());
+    // A time limit that nobody would keep is refused.
+    let limited = ["gap", "report", "case", "--time-limit", "1min"];
+    let refused = rb(&folder, &limited).expect(2);
+    assert!(refused.err.contains("is for one joint"), "{}", refused.err);
 }

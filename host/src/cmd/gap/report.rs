@@ -39,7 +39,7 @@ pub(super) struct Args {
     /// Seed of global starts and bootstraps
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// Stop the search after this time and write what is there, marked as partial
+    /// One joint: stop the search after this time and write what is there, marked as partial
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     time_limit: Option<Duration>,
     /// Leave an effect out of the library (to check that the diagnosis then says "unknown")
@@ -228,11 +228,21 @@ fn run_whole(
     targets: &Targets<'_>,
     context: &Context,
 ) -> Outcome {
-    if args.baseline.is_some() {
-        return Err(Failure::say(
-            Exit::Usage,
-            "--baseline is for one joint on a bench; a whole robot starts from its model.toml",
-        ));
+    let instead = [
+        (
+            args.baseline.is_some(),
+            "--baseline",
+            "a whole robot starts from its model.toml",
+        ),
+        (
+            args.time_limit.is_some(),
+            "--time-limit",
+            "Ctrl-C ends a whole robot's diagnosis, and nothing is written",
+        ),
+    ];
+    if let Some((_, option, instead)) = instead.into_iter().find(|(given, ..)| *given) {
+        let message = format!("{option} is for one joint on a bench; {instead}");
+        return Err(Failure::say(Exit::Usage, message));
     }
     let settings = gap::whole::Settings {
         seed: args.seed,
