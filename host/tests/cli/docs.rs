@@ -1,11 +1,14 @@
 //! The commands that the pages show, run as they are shown, page by page, each page in a folder of its own.
 //!
-//! The word after `sh` says what a block needs. Blocks without a word run as they stand. Blocks that take long run in a short form. The options of
-//! the others must exist. A `toml` block with a file name is written to the folder first.
+//! The word after `sh` says what a block needs. Blocks without a word run as they stand. Blocks that take long run in a short form. In a
+//! `background` block, lines that end in `&` run beside the others. The options of the rest must exist. A `toml` block with a file name is written to the folder first.
 
+use std::io::{BufRead, BufReader};
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
 
-use crate::rig::{Done, Folder, rb};
+use crate::rig::{Done, Folder, command, rb};
 
 /// A shown block: the words of its fence, and its lines.
 struct Block {
@@ -202,6 +205,46 @@ fn parses(folder: &Folder, line: &str) {
     assert_eq!(done.code, 0, "{line}: {}", done.err);
 }
 
+/// Processes that end with the test.
+struct Running(Vec<Child>);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        for child in &mut self.0 {
+            let _ = child.kill();
+            let _ = child.wait();
+        }
+    }
+}
+
+/// Lines that end in `&` run beside the others, on a port that is free.
+fn together<'a>(folder: &Folder, lines: impl Iterator<Item = &'a String>) {
+    const SHOWN: &str = "127.0.0.1:5000";
+    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr();
+    let address = free.unwrap().to_string();
+    let mut beside = Running(Vec::new());
+    for line in lines {
+        let line = line.replace(SHOWN, &address);
+        if !line.ends_with(" &") {
+            let done = run(folder, &line);
+            assert_eq!(done.code, 0, "{line}: {}", done.err);
+            continue;
+        }
+        let arguments = arguments(folder, &line);
+        let words: Vec<&str> = arguments.iter().map(String::as_str).collect();
+        let mut child = command(folder, &words)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        // Its first line says that it is ready.
+        let mut said = String::new();
+        let mut out = BufReader::new(child.stdout.take().unwrap());
+        out.read_line(&mut said).unwrap();
+        beside.0.push(child);
+        assert!(!said.is_empty(), "{line} said nothing");
+    }
+}
+
 fn follow(page: &Path) -> Folder {
     let folder = workspace();
     let name = page.display();
@@ -232,6 +275,7 @@ fn follow(page: &Path) -> Folder {
                     assert_eq!(done.code, 0, "{name}: {short}: {}", done.err);
                 }
             }
+            ["sh", "background"] if cfg!(unix) => together(&folder, shown),
             ["sh", "hardware" | "install" | "developer" | "background"] => {
                 shown.for_each(|line| parses(&folder, line))
             }
