@@ -6,7 +6,7 @@ use std::io::Read as _;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::rig::{Emulator, Folder, command, gait, rb};
+use crate::rig::{Emulator, Folder, command, gait, rb, trials};
 
 /// Processor time that a command may take to end, s.
 const LONGEST_S: f64 = 2.0;
@@ -103,6 +103,8 @@ fn every_long_command_ends_by_a_signal() {
         "sim", &crawl, &roll, &turn, "-d", "6s", "--camera", "--repeat", "2", "-o", "set",
     ];
     rb(&folder, &set).expect(0);
+    let case = ["make-case", "none", "--gaits", "2", "-o", "./case"];
+    trials(&folder, &case).expect("a case");
     let made = Command::new("mkfifo")
         .arg(folder.path("pipe"))
         .status()
@@ -140,6 +142,8 @@ fn every_long_command_ends_by_a_signal() {
         ],
         vec!["gap", "report", &servo],
         vec!["gap", "predict", &servo, "-o", "@"],
+        vec!["gap", "report", "case"],
+        vec!["gap", "causes", "case"],
         vec!["-p", "sim:", "gap", "collect", "-o", "@", "--repeat", "60"],
         vec!["-p", "sim:", "hybrid", "-o", "@"],
         vec!["bench", "--alone", "--trials", "10000"],
