@@ -7,35 +7,27 @@ Prints one line per check; exits 1 at the first that fails.
 import sys
 import time
 
-from dynamixel_sdk import (
-    COMM_RX_TIMEOUT,
-    COMM_SUCCESS,
-    GroupSyncRead,
-    GroupSyncWrite,
-    PacketHandler,
-    PortHandler,
-    port_handler,
+from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
+from dynamixel_checks import (
+    ERR_ACCESS,
+    ERR_LIMIT,
+    GOAL,
+    POSITION,
+    TORQUE,
+    baud,
+    bulk,
+    check,
+    levels,
+    registered,
+    signed,
+    watchdog,
 )
-
-port_handler.LATENCY_TIMER = 250
 
 IDS = [1, 2, 3, 4, 5, 6]
 # Robotis e-manual, control tables of XL330-M288, XC330-T288 and XM430-W350: model number, first byte of the indirect data, current limit.
 KINDS = {"xl330": (1200, 208, 1750), "xc330": (1220, 208, 1750), "xm430": (1020, 224, 1193)}
-BAUD, DELAY, MODE, CURRENT_LIMIT, MIN_POSITION, MAX_POSITION = 8, 9, 11, 38, 52, 48
-TORQUE, HARDWARE_ERROR, WATCHDOG, GOAL = 64, 70, 98, 116
-POSITION, VOLTAGE, TEMPERATURE, INDIRECT = 132, 144, 146, 168
-LIMIT_ERROR, ACCESS_ERROR = 6, 7
-
-
-def check(condition, what):
-    print(("ok " if condition else "FAILED ") + what, flush=True)
-    if not condition:
-        sys.exit(1)
-
-
-def signed(value):
-    return value - (1 << 32) if value >= 1 << 31 else value
+DELAY, MODE, CURRENT_LIMIT, MAX_POSITION = 9, 11, 38, 48
+VOLTAGE, TEMPERATURE, INDIRECT = 144, 146, 168
 
 
 def fresh(packet, port, model, current):
@@ -47,13 +39,13 @@ def fresh(packet, port, model, current):
     volts, result, _ = packet.read2ByteTxRx(port, 1, VOLTAGE)
     check(result == COMM_SUCCESS and 50 < volts < 170, f"{volts / 10} V")
     value, result, error = packet.read2ByteTxRx(port, 1, 1064)
-    check((result, error) == (COMM_SUCCESS, ACCESS_ERROR), "no block of another maker")
+    check((result, error) == (COMM_SUCCESS, ERR_ACCESS), "no block of another maker")
 
 
 def limits(packet, port):
-    check(packet.write4ByteTxRx(port, 1, GOAL, 0xFFFFFFFF) == (COMM_SUCCESS, LIMIT_ERROR), "goal -1 in position mode: limit error")
+    check(packet.write4ByteTxRx(port, 1, GOAL, 0xFFFFFFFF) == (COMM_SUCCESS, ERR_LIMIT), "goal -1 in position mode: limit error")
     check(packet.write4ByteTxRx(port, 1, MAX_POSITION, 3000) == (COMM_SUCCESS, 0), "a maximum position")
-    check(packet.write4ByteTxRx(port, 1, GOAL, 3001) == (COMM_SUCCESS, LIMIT_ERROR), "is kept")
+    check(packet.write4ByteTxRx(port, 1, GOAL, 3001) == (COMM_SUCCESS, ERR_LIMIT), "is kept")
     for ident in IDS:
         check(packet.write1ByteTxRx(port, ident, MODE, 4) == (COMM_SUCCESS, 0), f"extended position mode {ident}")
     check(packet.write4ByteTxRx(port, 1, GOAL, 0xFFFFFFFF) == (COMM_SUCCESS, 0), "there -1 is a goal")
@@ -112,28 +104,6 @@ def restart(packet, port, data):
     check(packet.read1ByteTxRx(port, 1, MODE) == (3, COMM_SUCCESS, 0), "the mode is that of the works")
 
 
-def watchdog(packet, port):
-    check(packet.write1ByteTxRx(port, 4, WATCHDOG, 5) == (COMM_SUCCESS, 0), "watchdog of 100 ms")
-    time.sleep(0.4)
-    check(packet.read1ByteTxRx(port, 4, WATCHDOG) == (255, COMM_SUCCESS, 0), "tripped reads -1")
-    check(packet.write4ByteTxRx(port, 4, GOAL, 0) == (COMM_SUCCESS, ACCESS_ERROR), "goals are refused")
-    check(packet.write1ByteTxRx(port, 4, WATCHDOG, 0) == (COMM_SUCCESS, 0), "cleared")
-    check(packet.read1ByteTxRx(port, 4, HARDWARE_ERROR) == (0, COMM_SUCCESS, 0), "no hardware error")
-
-
-def baud(packet, port):
-    check(packet.write1ByteTxRx(port, 6, TORQUE, 0) == (COMM_SUCCESS, 0), "torque off")
-    check(packet.write1ByteTxRx(port, 6, BAUD, 2)[0] in (COMM_SUCCESS, COMM_RX_TIMEOUT), "115200 baud for one")
-    check(packet.ping(port, 6)[1] == COMM_RX_TIMEOUT, "it is deaf at 1 Mbaud")
-    check(packet.ping(port, 5)[1] == COMM_SUCCESS, "the others are not")
-    check(port.setBaudRate(115_200), "the port at 115200 baud")
-    check(packet.ping(port, 6)[1] == COMM_SUCCESS, "there it answers")
-    check(packet.ping(port, 5)[1] == COMM_RX_TIMEOUT, "and the others do not")
-    packet.write1ByteTxRx(port, 6, BAUD, 3)
-    check(port.setBaudRate(1_000_000), "back to 1 Mbaud")
-    check(packet.ping(port, 6)[1] == COMM_SUCCESS, "all together again")
-
-
 def main():
     model, data, current = KINDS[sys.argv[2]]
     port = PortHandler(sys.argv[1])
@@ -144,6 +114,9 @@ def main():
     limits(packet, port)
     indirect(packet, port, data)
     motion(packet, port)
+    bulk(packet, port)
+    registered(packet, port)
+    levels(packet, port)
     watchdog(packet, port)
     restart(packet, port, data)
     baud(packet, port)
