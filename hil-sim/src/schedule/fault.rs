@@ -123,6 +123,17 @@ impl Kind {
         NAMES[self.index()].1
     }
 
+    /// Kinds by their names, with commas between them.
+    ///
+    /// # Errors
+    /// A name is unknown, or there is none.
+    pub fn list(text: &str) -> Result<Vec<Self>, BadFaults> {
+        if text.trim().is_empty() {
+            return Err(BadFaults::Empty);
+        }
+        text.split(',').map(|word| word.trim().parse()).collect()
+    }
+
     /// Whether it disturbs what passes on the motor bus as a whole.
     #[must_use]
     pub fn is_on_the_bus(self) -> bool {
@@ -138,19 +149,29 @@ impl Kind {
     }
 }
 
-/// A name that no fault has.
+/// A list of faults that cannot be drawn from.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("no fault {0:?}; there are {known}", known = NAMES.map(|(_, name)| name).join(", "))]
-pub struct UnknownFault(pub String);
+pub enum BadFaults {
+    /// A name that no fault has.
+    #[error("no fault {0:?}; there are {known}", known = known())]
+    Unknown(String),
+    /// Schedules without any fault would look as if they had held.
+    #[error("an empty list of faults; there are {known}", known = known())]
+    Empty,
+}
+
+fn known() -> String {
+    NAMES.map(|(_, name)| name).join(", ")
+}
 
 impl FromStr for Kind {
-    type Err = UnknownFault;
+    type Err = BadFaults;
 
-    fn from_str(text: &str) -> Result<Self, UnknownFault> {
+    fn from_str(text: &str) -> Result<Self, BadFaults> {
         let found = NAMES.iter().find(|(_, name)| *name == text);
         found
             .map(|(kind, _)| *kind)
-            .ok_or_else(|| UnknownFault(text.to_owned()))
+            .ok_or_else(|| BadFaults::Unknown(text.to_owned()))
     }
 }
 
@@ -203,5 +224,20 @@ mod tests {
             text.contains("bus_los\"") && text.contains("bus_loss"),
             "{text}"
         );
+    }
+
+    #[test]
+    fn a_list_has_a_fault_or_is_refused() {
+        let two = vec![Kind::BusLoss, Kind::Reset];
+        assert_eq!(Kind::list("bus_loss, reset"), Ok(two));
+        for empty in ["", " "] {
+            assert_eq!(Kind::list(empty), Err(BadFaults::Empty));
+        }
+        for (text, word) in [("bus_loss,", ""), (",", ""), ("bus_loss,x", "x")] {
+            let unknown = Err(BadFaults::Unknown(word.to_owned()));
+            assert_eq!(Kind::list(text), unknown, "{text}");
+        }
+        let text = BadFaults::Empty.to_string();
+        assert!(text.starts_with("an empty list") && text.contains("stop_input"));
     }
 }

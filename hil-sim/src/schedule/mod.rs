@@ -25,7 +25,7 @@ mod stage;
 mod table;
 mod wire;
 
-pub use fault::{Fault, KINDS, Kind, UnknownFault};
+pub use fault::{BadFaults, Fault, KINDS, Kind};
 pub use laws::{Counts, Law, Violation};
 pub use many::{Failure, Summary, many};
 pub use plan::{Cut, Plan};
