@@ -18,6 +18,11 @@ pub(crate) enum Order {
     Beat,
     /// STOP: taken in every session.
     Stop,
+    /// Where these joints stand is their zero.
+    Zero {
+        /// One bit per joint.
+        joint_mask: u16,
+    },
 }
 
 /// A frame of a host.

@@ -17,6 +17,8 @@ use std::task::Poll;
 /// Times a request is sent, and the wait after each, us: those of `rb-host` with its time-out of one second.
 const TRIES: u32 = 4;
 const WAIT_US: u64 = 250_000;
+/// In one seed of so many the user is hasty.
+const HASTY_SEEDS: u64 = 16;
 /// Stream number of a host's decisions.
 const PURPOSE_HOST: u64 = 0x20;
 
@@ -82,6 +84,8 @@ pub(crate) struct Desk {
     epochs: BTreeMap<u32, u32>,
     /// The user puts the joints into the home pose.
     pub(crate) place: bool,
+    /// Its user orders runs without a look at the state of the robot, which has to refuse what it cannot do.
+    pub(crate) hasty: bool,
     /// What it keeps of the newest run.
     pub(crate) record: Record,
     /// Ends of runs it was told.
@@ -110,6 +114,7 @@ impl Desk {
             resets: 0,
             epochs: BTreeMap::new(),
             place: false,
+            hasty: seed % HASTY_SEEDS == 2,
             record: Record::default(),
             ends: Vec::new(),
             events: Vec::new(),
@@ -393,6 +398,9 @@ fn order_of(message: &ToModule) -> Option<Order> {
         }),
         ToModule::Heartbeat { .. } => Some(Order::Beat),
         ToModule::Stop => Some(Order::Stop),
+        ToModule::Zero { joint_mask, .. } => Some(Order::Zero {
+            joint_mask: *joint_mask,
+        }),
         _ => None,
     }
 }

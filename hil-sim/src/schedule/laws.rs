@@ -4,6 +4,7 @@
 //! Nothing here asks the firmware. Positions, distances and the meaning of packets are computed again.
 
 mod orders;
+mod zeros;
 
 use super::desk::{Note, Record};
 use super::reading::{EDGE_M, end_cubes_apart_m, read_packet};
@@ -63,6 +64,8 @@ pub enum Law {
     Fresh,
     /// Torque and set-points only by an order of this boot that no STOP has voided; one run for one order.
     Ordered,
+    /// Torque only for a robot, and set-points only for a joint, whose zero was set since it was lost.
+    Homed,
     /// Torque is off 53 ms after STOP, the end of the run, of the lease, of the hold, or a restart.
     LetGo,
     /// A driver with torque lets go by itself when the module is silent.
@@ -102,6 +105,8 @@ pub(crate) struct Laws {
     grants: Vec<Grant>,
     /// Every STOP that went into the module since its last restart: number, time, us.
     stops: Vec<(u64, u64)>,
+    /// Every order to set zeros of this boot: joints, time, us.
+    zeros: Vec<(u16, u64)>,
     /// When the last STOP that was acknowledged first went into the module, us: what was ordered before is void.
     stopped_us: u64,
     /// Since when nobody may have torque, unless an order says so, us.
@@ -174,6 +179,7 @@ impl Laws {
             orders: 0,
             grants: Vec::new(),
             stops: Vec::new(),
+            zeros: Vec::new(),
             stopped_us: 0,
             lapsed_us: 0,
             disturbed_us: 0,
@@ -197,6 +203,7 @@ impl Laws {
     pub(crate) fn restarted(&mut self, at_us: u64) {
         self.grants.clear();
         self.stops.clear();
+        self.zeros.clear();
         (self.runs, self.orders) = (0, 0);
         self.torque_asked = false;
         self.goals = [None; JOINTS];
@@ -337,7 +344,7 @@ impl Laws {
             return;
         }
         if address == Register::TorqueEnable.address() {
-            self.torque(at_us, &values);
+            self.torque(packet, &values);
         } else if address == Register::GoalAngle.address() {
             self.set_points(packet, &values, troubled);
         }
@@ -349,7 +356,8 @@ impl Laws {
             .any(|grant| at_us >= grant.at_us && at_us <= grant.until_us() + OFF_US)
     }
 
-    fn torque(&mut self, at_us: u64, values: &[(usize, i32)]) {
+    fn torque(&mut self, packet: &Sent, values: &[(usize, i32)]) {
+        let at_us = packet.at_us;
         let on = values.iter().any(|(_, value)| *value == 1);
         if on && !self.torque_asked {
             self.runs += 1;
@@ -361,8 +369,11 @@ impl Laws {
                 self.break_law(Law::Ordered, at_us, what);
             }
         }
-        if on && !self.authorised(at_us) {
-            self.break_law(Law::Ordered, at_us, "torque on without an order".to_owned());
+        if on {
+            if !self.authorised(at_us) {
+                self.break_law(Law::Ordered, at_us, "torque on without an order".to_owned());
+            }
+            self.torque_without_zero(packet);
         }
         let off = values.iter().filter(|(_, value)| *value == 0);
         let off = off.filter_map(|(joint, _)| self.goals.get_mut(*joint).map(|goal| *goal = None));
@@ -386,6 +397,7 @@ impl Laws {
             let late_us = at_us - self.read_us;
             self.break_law(Law::Fresh, at_us, format!("{late_us} us after the reading"));
         }
+        self.set_points_without_zero(packet, values);
         let from = self.pose(&self.goals, packet);
         let (mut next, mut moving, mut blind) = (self.goals, false, false);
         for (joint, goal) in values {

@@ -195,7 +195,12 @@ impl Hand {
     }
 
     async fn once(&self) -> Result<(), Fail> {
-        self.bring_up().await?;
+        let hasty = self.0.borrow().hasty;
+        if hasty && self.chance(0.5) {
+            self.hello().await?;
+        } else {
+            self.bring_up().await?;
+        }
         let wish = self.wish().await?;
         self.ask(&wish.order()).await?;
         self.watch(&wish).await?;

@@ -68,6 +68,7 @@ impl Laws {
                 }
             }
             Order::Stop => {}
+            Order::Zero { joint_mask } => self.zero_ordered(joint_mask, *at_us),
             Order::Beat => {
                 for grant in &mut self.grants {
                     grant.beat_us = grant.beat_us.max(*at_us);

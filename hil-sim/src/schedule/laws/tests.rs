@@ -1,5 +1,7 @@
 //! What the laws excuse ends where the module could know better.
 
+mod halts;
+
 use super::{CYCLE_US, JOINTS, Law, Laws, OFF_US, REST_US, STALE_US};
 use crate::robot::ideal::IdealMotors;
 use crate::robot::wire::MotorBus;
