@@ -45,6 +45,8 @@ pub(crate) struct Delivered {
     pub(crate) frame: Frame,
     /// When its last byte arrives, us.
     pub(crate) at_us: u64,
+    /// Whether the receiver's ring has taken all of it.
+    pub(crate) sure: bool,
 }
 
 /// What happens to frames, either way.
@@ -178,9 +180,11 @@ impl Channel {
         }
         let mut delivered = Vec::new();
         for (_, _, frame, whole) in due(&mut self.to_module, now_us) {
+            let lost = self.line.lost_bytes();
             let at_us = self.line.write(&frame.bytes).div_ceil(1_000).max(now_us);
+            let sure = self.line.lost_bytes() == lost;
             if whole && self.line.is_connected() {
-                delivered.push(Delivered { frame, at_us });
+                delivered.push(Delivered { frame, at_us, sure });
             }
         }
         delivered

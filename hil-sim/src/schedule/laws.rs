@@ -4,6 +4,7 @@
 //! Nothing here asks the firmware. Positions, distances and the meaning of packets are computed again.
 
 mod orders;
+mod stops;
 mod zeros;
 
 use super::desk::{Note, Record};
@@ -16,6 +17,7 @@ use orders::Grant;
 use protocol::bus::{Instruction, Register};
 use protocol::link::{Digest, RunEnd};
 use std::fmt;
+use stops::Stops;
 
 /// Joints of the robot.
 const JOINTS: usize = 6;
@@ -64,6 +66,8 @@ pub enum Law {
     Fresh,
     /// Torque and set-points only by an order of this boot that no STOP has voided; one run for one order.
     Ordered,
+    /// After a STOP that arrived whole no torque goes on, and nothing moves but the ramp.
+    Stops,
     /// Torque only for a robot, and set-points only for a joint, whose zero was set since it was lost.
     Homed,
     /// Torque is off 53 ms after STOP, the end of the run, of the lease, of the hold, or a restart.
@@ -104,10 +108,11 @@ pub(crate) struct Laws {
     orders: u64,
     grants: Vec<Grant>,
     /// Every STOP that went into the module since its last restart: number, time, us.
-    stops: Vec<(u64, u64)>,
+    stops_in: Vec<(u64, u64)>,
+    stops: Stops,
     /// Every order to set zeros of this boot: joints, time, us.
     zeros: Vec<(u16, u64)>,
-    /// When the last STOP that was acknowledged first went into the module, us: what was ordered before is void.
+    /// When the last STOP that was acknowledged or is certain first went into the module, us: what was ordered before is void.
     stopped_us: u64,
     /// Since when nobody may have torque, unless an order says so, us.
     lapsed_us: u64,
@@ -143,6 +148,8 @@ pub struct Counts {
     pub uploads: u64,
     /// Times that torque had to be off.
     pub offs: u64,
+    /// STOPs that had to take effect, whatever the answer.
+    pub stops: u64,
     /// Runs to their end after the faults.
     pub completed: u64,
 }
@@ -155,6 +162,7 @@ impl Counts {
         self.records += other.records;
         self.uploads += other.uploads;
         self.offs += other.offs;
+        self.stops += other.stops;
         self.completed += other.completed;
     }
 }
@@ -178,7 +186,8 @@ impl Laws {
             runs: 0,
             orders: 0,
             grants: Vec::new(),
-            stops: Vec::new(),
+            stops_in: Vec::new(),
+            stops: Stops::default(),
             zeros: Vec::new(),
             stopped_us: 0,
             lapsed_us: 0,
@@ -202,8 +211,9 @@ impl Laws {
     /// The module restarted.
     pub(crate) fn restarted(&mut self, at_us: u64) {
         self.grants.clear();
-        self.stops.clear();
+        self.stops_in.clear();
         self.zeros.clear();
+        self.forget_stops();
         (self.runs, self.orders) = (0, 0);
         self.torque_asked = false;
         self.goals = [None; JOINTS];
@@ -327,6 +337,7 @@ impl Laws {
 
     fn packet(&mut self, packet: &Sent, troubled: impl Fn(usize) -> bool) {
         let at_us = packet.at_us;
+        self.obey_stops(at_us);
         let Some((instruction, address, values)) = read_packet(&packet.bytes) else {
             self.break_law(
                 Law::Checked,
@@ -373,6 +384,7 @@ impl Laws {
             if !self.authorised(at_us) {
                 self.break_law(Law::Ordered, at_us, "torque on without an order".to_owned());
             }
+            self.torque_after_stop(at_us);
             self.torque_without_zero(packet);
         }
         let off = values.iter().filter(|(_, value)| *value == 0);
@@ -398,6 +410,13 @@ impl Laws {
             self.break_law(Law::Fresh, at_us, format!("{late_us} us after the reading"));
         }
         self.set_points_without_zero(packet, values);
+        let other = |(joint, goal): &(usize, i32)| {
+            let before = self.goals.get(*joint).copied().flatten();
+            before.is_some_and(|before| before != *goal)
+        };
+        if values.iter().any(other) {
+            self.move_after_stop(at_us);
+        }
         let from = self.pose(&self.goals, packet);
         let (mut next, mut moving, mut blind) = (self.goals, false, false);
         for (joint, goal) in values {
@@ -489,6 +508,7 @@ impl Laws {
         stop_us: Option<u64>,
         deaf: impl Fn(usize) -> bool,
     ) {
+        self.obey_stops(now_us);
         let until = self.grants.iter().map(Grant::until_us).max();
         let mut off_us = self.lapsed_us.max(until.unwrap_or(0));
         if let Some(stop_us) = stop_us {

@@ -226,7 +226,7 @@ impl<'a> Stage<'a> {
         for (index, channel) in self.channels.iter_mut().enumerate() {
             let mut bytes = Vec::new();
             for delivered in channel.step(now_us, &mut bytes) {
-                self.laws.delivered(&delivered, self.resets);
+                self.laws.delivered(index, &delivered, self.resets);
             }
             for host in self.hosts.iter().filter(|host| host.link == index) {
                 host.desk.borrow_mut().receive(&bytes);

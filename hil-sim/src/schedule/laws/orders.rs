@@ -12,7 +12,7 @@ pub(super) struct Grant {
     number: u64,
     pub(super) at_us: u64,
     /// When its newest copy went in, us.
-    newest_us: u64,
+    pub(super) newest_us: u64,
     runs_us: u64,
     lease_us: Option<u64>,
     beat_us: u64,
@@ -29,14 +29,17 @@ impl Grant {
 
 impl Laws {
     /// An undamaged frame goes into the module. `epoch`: its restarts so far.
-    pub(crate) fn delivered(&mut self, delivered: &Delivered, epoch: u32) {
-        let Delivered { frame, at_us } = delivered;
+    pub(crate) fn delivered(&mut self, link: usize, delivered: &Delivered, epoch: u32) {
+        let Delivered { frame, at_us, sure } = delivered;
         let Some((number, order)) = frame.order else {
             return;
         };
         if order == Order::Stop {
             // In any session.
-            self.stops.push((number, *at_us));
+            self.stops_in.push((number, *at_us));
+            if *sure {
+                self.stop_comes(link, *at_us);
+            }
             return;
         }
         let late = at_us.saturating_sub(frame.made_us) > CHALLENGE_US;
@@ -81,7 +84,7 @@ impl Laws {
     /// which. Every order of before the first is void; one that came between a STOP and its acknowledgement is a new one.
     pub(super) fn stopped(&mut self, number: u64, now_us: u64) {
         let copies = self
-            .stops
+            .stops_in
             .iter()
             .filter(|(of, at_us)| *of == number && *at_us <= now_us);
         let times = copies.map(|(_, at_us)| *at_us);
@@ -89,8 +92,12 @@ impl Laws {
             // It was of an earlier boot, whose orders are void anyway.
             return;
         };
+        self.void_before(first_us, last_us);
+    }
+
+    /// What was ordered before `first_us` was stopped at `last_us` at the latest: it ramps down and holds; afterwards it counts no more.
+    pub(super) fn void_before(&mut self, first_us: u64, last_us: u64) {
         self.stopped_us = self.stopped_us.max(first_us);
-        // What was ordered before ramps down and holds; afterwards it counts no more.
         let grants = self.grants.iter_mut();
         for grant in grants.filter(|grant| grant.newest_us < first_us) {
             let left_us = last_us - grant.at_us;

@@ -114,7 +114,8 @@ fn goes_in(laws: &mut Laws, number: u64, order: Order, at_us: u64) {
         made_us: at_us - 1_000,
         epoch: 0,
     };
-    laws.delivered(&Delivered { frame, at_us }, 0);
+    let sure = order == Order::Stop;
+    laws.delivered(0, &Delivered { frame, at_us, sure }, 0);
 }
 
 const START: Order = Order::Start {

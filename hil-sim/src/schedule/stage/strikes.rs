@@ -76,6 +76,10 @@ impl Stage<'_> {
     }
 
     fn strike_link(&mut self, fault: &Fault, on: bool) {
+        if on {
+            let now_us = self.robot.now_us();
+            self.laws.link_struck(fault.link, now_us);
+        }
         let channel = &mut self.channels[fault.link];
         match (fault.kind, on) {
             (Kind::LinkCut, true) => channel.cut(),
