@@ -450,4 +450,28 @@ pub(crate) const PLANTED: &[Planted] = &[
         put: "|(motor, _)| motor.torque()",
         test: ("hil-sim", "robot"),
     },
+    Planted {
+        kind: "dropped step",
+        what: "STOP is acknowledged and not obeyed",
+        file: "firmware/src/app/session.rs",
+        find: "let _ = self.core.supervise(SupervisorEvent::Order(Order::Stop));",
+        put: "let _ = Order::Stop;",
+        test: ("hil-sim", "robot"),
+    },
+    Planted {
+        kind: "dropped step",
+        what: "STOP is neither obeyed nor answered",
+        file: "protocol/src/link/server.rs",
+        find: "handler.stop();\n                Reply::Message(FromModule::Ack { request: kind })",
+        put: "Reply::Nothing",
+        test: ("hil-sim", "robot"),
+    },
+    Planted {
+        kind: "missed check",
+        what: "a run starts on joints without a zero",
+        file: "control/src/supervisor.rs",
+        find: "State::Idle => {\n                let run_at_us",
+        put: "State::Idle | State::Unhomed => {\n                let run_at_us",
+        test: ("hil-sim", "robot"),
+    },
 ];
