@@ -341,6 +341,29 @@ fn a_feetech_packet_of_no_possible_length_or_id_is_none() {
     }
 }
 
+/// A parser keeps what may become a header, and no other byte; once no more will come it keeps nothing.
+#[test]
+fn a_feetech_parser_waits_for_a_header_only() {
+    for (bytes, waits) in [
+        (&[0xFF][..], true),
+        (&[0xFF, 0xFF], true),
+        (&[0xFF, 0xFF, 3], true),
+        (&[0x00], false),
+        (&[0xFF, 0x05], false),
+        (&[0x05, 0xFF, 0x04], false),
+        (&[0x05, 0x04, 0xFF], true),
+    ] {
+        let mut parser = feetech::Parser::new();
+        bytes.iter().for_each(|byte| parser.push(*byte));
+        assert!(parser.next_packet().is_none());
+        assert_eq!(!parser.is_empty(), waits, "{bytes:02x?}");
+        parser.end();
+        assert!(parser.next_packet().is_none());
+        assert!(parser.is_empty(), "{bytes:02x?}");
+        assert_eq!(parser.counters().stray_bytes, bytes.len() as u32);
+    }
+}
+
 proptest! {
     /// Packets between stray bytes that hold no header are found, whole and in order.
     #[test]
