@@ -213,7 +213,7 @@ pub struct Core {
     pub(crate) board: &'static str,
     pub(crate) robot_id: u8,
     pub(crate) boot_id: u32,
-    /// Seed of the challenges; without one no challenge is given and nothing is started.
+    /// Seed of the challenges, from the generator and the chip's id; without one no challenge is given and nothing is started.
     pub(crate) entropy: Option<[u8; 16]>,
     /// A debug probe can read the flash.
     pub(crate) flash_readable: bool,
@@ -384,7 +384,7 @@ impl Core {
         }
     }
 
-    /// Sixteen bytes from the boot's entropy and a counter: different every time, not to be foreseen without the entropy.
+    /// Sixteen bytes from the boot's seed and a counter: different every time, not to be foreseen without the seed.
     pub(crate) fn fresh_nonce(&mut self) -> Result<Nonce, Reject> {
         let entropy = self.entropy.ok_or(Reject::NoEntropy)?;
         self.nonces = self.nonces.wrapping_add(1);

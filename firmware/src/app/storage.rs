@@ -59,13 +59,14 @@ impl Core {
         self.now_us = facts.now_us;
         self.cause = facts.cause;
         self.board = facts.board;
-        self.entropy = facts.entropy.ok();
+        let drawn = facts.entropy.ok();
+        self.entropy = drawn.map(|drawn| seed_of(&drawn, &facts.unique_id));
         self.flash_readable = facts.flash_readable;
         let hash = sha2::Sha256::new().chain_update(facts.unique_id).finalize();
         self.robot_id = hash.first().map_or(1, |byte| byte % 254 + 1);
         let hash = sha2::Sha256::new()
             .chain_update(b"rb boot")
-            .chain_update(self.entropy.unwrap_or_default())
+            .chain_update(drawn.unwrap_or_default())
             .chain_update(facts.unique_id)
             .finalize();
         let boot_id = hash
@@ -339,6 +340,20 @@ impl Core {
         self.settings = settings;
         Ok(())
     }
+}
+
+/// Seed of a boot's challenges: what the generator gave, and which chip this is. Two robots share no challenge, even if their generators agree.
+fn seed_of(drawn: &[u8; 16], unique_id: &[u8; 12]) -> [u8; 16] {
+    let hash = sha2::Sha256::new()
+        .chain_update(b"rb seed")
+        .chain_update(drawn)
+        .chain_update(unique_id)
+        .finalize();
+    let mut seed = [0; 16];
+    for (place, byte) in seed.iter_mut().zip(hash) {
+        *place = byte;
+    }
+    seed
 }
 
 fn storage(error: SlotError) -> Reject {

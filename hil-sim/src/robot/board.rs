@@ -76,6 +76,11 @@ impl EmulatedBoard {
         self.state.borrow_mut().broken_rng = word;
     }
 
+    /// From the next boot on the chip has this id; the random numbers stay those of the seed.
+    pub fn set_unique_id(&self, unique_id: [u8; 12]) {
+        self.state.borrow_mut().unique_id = unique_id;
+    }
+
     /// Takes the readout protection away, or sets it.
     pub fn set_flash_readable(&self, readable: bool) {
         self.state.borrow_mut().flash_readable = readable;

@@ -5,8 +5,8 @@ use std::collections::BTreeSet;
 use crate::common::{gait, ready_with};
 use firmware::crash::{BLOCK_BYTES, CrashKind, CrashRecord};
 use firmware::ports::ResetCause;
-use hil_sim::robot::Setup;
 use hil_sim::robot::host::{AskError, SimHost};
+use hil_sim::robot::{EmulatedRobot, Setup};
 use protocol::link::{
     EventKind, FromModule, KEY_LEN, Key, ModuleState, Reject, Tag, TelemetryRate, ToModule,
 };
@@ -161,6 +161,47 @@ fn no_challenge_and_no_boot_id_comes_twice_over_power_cycles() {
     robot.link().write(&old);
     robot.run_for(3_000_000);
     assert!((0..6).all(|joint| !robot.motors().borrow().is_driving(joint)));
+    // A generator that gives the same at every boot gives no challenge at all.
+    robot.board().break_rng(Some(0x5EED_5EED));
+    for _ in 0..3 {
+        robot.reset(ResetCause::PowerOn);
+        robot.run_for(50_000);
+        let mut host = SimHost::new(robot.link());
+        host.hello(&mut robot).expect("powered");
+        let answer = host.ask(&mut robot, &ToModule::GetChallenge);
+        assert_eq!(answer, Err(AskError::Rejected(Reject::NoEntropy)));
+    }
+}
+
+/// The challenges of some boots of a robot whose chip has this id. Every robot here draws the same random numbers.
+fn challenges(unique_id: [u8; 12]) -> BTreeSet<[u8; 16]> {
+    let mut robot = EmulatedRobot::ideal(setup());
+    robot.board().set_unique_id(unique_id);
+    let mut nonces = BTreeSet::new();
+    for _ in 0..10 {
+        robot.reset(ResetCause::PowerOn);
+        robot.run_for(50_000);
+        for _ in 0..3 {
+            let mut host = SimHost::new(robot.link());
+            host.hello(&mut robot).expect("powered");
+            match host.ask(&mut robot, &ToModule::GetChallenge) {
+                Ok(FromModule::Challenge { nonce }) => nonces.insert(nonce.0),
+                other => panic!("{other:?}"),
+            };
+        }
+    }
+    nonces
+}
+
+/// An order signed for one robot is void at another of the same key, even if both draw the same random numbers: the chip's id is in every challenge.
+#[test]
+fn robots_that_draw_the_same_random_numbers_share_no_challenge() {
+    let one = challenges(*b"chip 1 of 2\0");
+    let same = challenges(*b"chip 1 of 2\0");
+    let other = challenges(*b"chip 2 of 2\0");
+    assert_eq!((one.len(), other.len()), (30, 30));
+    assert_eq!(one, same, "numbers and counters are the same here");
+    assert!(one.is_disjoint(&other));
 }
 
 #[test]
