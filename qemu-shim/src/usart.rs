@@ -27,6 +27,8 @@ const RXNEIE: u32 = 1 << 5;
 const TCIE: u32 = 1 << 6;
 const TXEIE: u32 = 1 << 7;
 const OVER8: u32 = 1 << 15;
+/// DEAT, five bits: how long the driver is enabled before the start bit, in samples of a bit (RM0351 section 40.8.1).
+const DEAT: u32 = 0x1f << 21;
 // CR3 bits.
 const EIE: u32 = 1 << 0;
 const DEM: u32 = 1 << 14;
@@ -67,6 +69,8 @@ pub(crate) struct Usart {
     received: u8,
     waiting: Option<u8>,
     shifting: Option<Transmitted>,
+    /// The byte that is leaving does not reach the line: see [`Usart::enables_too_late`].
+    muffled: bool,
     idle_at_ns: Option<u64>,
     incoming: VecDeque<Transmitted>,
     sent: Vec<Transmitted>,
@@ -158,7 +162,10 @@ impl Usart {
     }
 
     fn transmit_done(&mut self, at_ns: u64) {
-        self.sent.extend(self.shifting.take());
+        let sent = self.shifting.take();
+        if !std::mem::take(&mut self.muffled) {
+            self.sent.extend(sent);
+        }
         match self.waiting.take() {
             Some(byte) => {
                 self.flags |= TXE;
@@ -256,6 +263,12 @@ impl Usart {
         }
     }
 
+    /// Models the enable time of an RS485 transceiver: how long it takes from the enable signal until the line is driven. Without any lead time
+    /// (DEAT 0) the start bit of the first byte of a burst is short by it. How short a receiver bears depends on the parts: here it loses the byte.
+    fn enables_too_late(&self) -> bool {
+        self.cr3 & DEM != 0 && self.cr1 & DEAT == 0
+    }
+
     fn transmit(&mut self, byte: u8, now_ns: u64) {
         let byte_ns = self.byte_ns();
         if self.cr1 & (UE | TE) != UE | TE || byte_ns == 0 {
@@ -263,6 +276,7 @@ impl Usart {
         }
         self.flags &= !TC;
         if self.shifting.is_none() {
+            self.muffled = self.enables_too_late();
             self.shifting = Some(Transmitted {
                 byte,
                 end_ns: now_ns + byte_ns,

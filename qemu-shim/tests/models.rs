@@ -109,6 +109,41 @@ fn with_driver_enable_the_receiver_is_deaf_while_sending() {
     assert_eq!(usart.read(ISR) & RXNE, 0);
 }
 
+/// `DRIVER_ENABLE` of the firmware, as its source has it: the image is for another target.
+fn firmware_deat() -> u32 {
+    let source = include_str!("../../firmware/src/stm32/parts.rs");
+    let (_, value) = source
+        .split_once("const DRIVER_ENABLE: u8 = ")
+        .expect("the constant");
+    let (value, _) = value.split_once(';').expect("a statement");
+    value.parse().expect("a number")
+}
+
+/// What reaches the line of two bursts of two bytes each, sent with this DEAT and with or without driver enable.
+fn two_bursts(deat: u32, driver_enable: bool) -> Vec<u8> {
+    let mut usart = megabaud();
+    usart.write(CR1, UE_RE_TE | (deat << 21), 0);
+    usart.write(CR3, u32::from(driver_enable) << 14, 0);
+    let mut sent = Vec::new();
+    for start_ns in [1_000, 100_000] {
+        usart.write(TDR, 0x41, start_ns);
+        usart.write(TDR, 0x42, start_ns + 1_000);
+        usart.advance(start_ns + 50_000);
+        assert_eq!(usart.read(ISR) & TC, TC);
+        assert!(usart.has_news());
+        sent.extend(usart.take_sent().iter().map(|sent| sent.byte));
+    }
+    sent
+}
+
+#[test]
+fn without_lead_time_of_the_driver_enable_every_burst_loses_its_first_byte() {
+    let whole = [0x41, 0x42, 0x41, 0x42];
+    assert_eq!(two_bursts(0, true), [0x42, 0x42]);
+    assert_eq!(two_bursts(firmware_deat(), true), whole);
+    assert_eq!(two_bursts(0, false), whole, "no driver to enable");
+}
+
 #[test]
 fn interrupt_line_is_flag_and_enable() {
     let mut usart = megabaud();
