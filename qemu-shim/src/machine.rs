@@ -415,6 +415,7 @@ impl Machine {
                 port,
                 byte: s.byte,
                 end_ns: s.end_ns,
+                damaged: s.damaged,
             }));
         }
         if cause == Cause::Final {
@@ -445,6 +446,7 @@ impl Machine {
             self.usarts[index].schedule(bytes.map(|b| Transmitted {
                 byte: b.byte,
                 end_ns: b.end_ns,
+                damaged: b.damaged,
             }));
         }
         self.next_sync_ns = order.next_sync_ns;

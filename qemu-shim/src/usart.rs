@@ -33,6 +33,7 @@ const DEAT: u32 = 0x1f << 21;
 const EIE: u32 = 1 << 0;
 const DEM: u32 = 1 << 14;
 // ISR bits; ICR clears at the same places.
+const FE: u32 = 1 << 1;
 const ORE: u32 = 1 << 3;
 const IDLE: u32 = 1 << 4;
 const RXNE: u32 = 1 << 5;
@@ -48,11 +49,23 @@ const RXFRQ: u32 = 1 << 3;
 /// Bits on the wire for one byte: start, eight data, stop.
 const BITS_PER_BYTE: u64 = 10;
 
-/// One transmitted byte and the end of its stop bit.
+/// One byte on the line and the end of its stop bit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Transmitted {
     pub(crate) byte: u8,
     pub(crate) end_ns: u64,
+    /// Its stop bit is none. What the guest sends never is.
+    pub(crate) damaged: bool,
+}
+
+impl Transmitted {
+    fn whole(byte: u8, end_ns: u64) -> Self {
+        Transmitted {
+            byte,
+            end_ns,
+            damaged: false,
+        }
+    }
 }
 
 /// The USART.
@@ -169,10 +182,7 @@ impl Usart {
         match self.waiting.take() {
             Some(byte) => {
                 self.flags |= TXE;
-                self.shifting = Some(Transmitted {
-                    byte,
-                    end_ns: at_ns + self.byte_ns(),
-                });
+                self.shifting = Some(Transmitted::whole(byte, at_ns + self.byte_ns()));
             }
             None => {
                 self.flags |= TC;
@@ -196,6 +206,10 @@ impl Usart {
         } else {
             self.received = byte.byte;
             self.flags |= RXNE;
+            // With the byte, which reaches RDR too (RM0351 section 40.5.3). A byte that is lost leaves its fault with it.
+            if byte.damaged {
+                self.flags |= FE;
+            }
         }
         // IDLE needs the line quiet for a whole frame: not if the next start bit comes before that.
         let byte_ns = self.byte_ns();
@@ -216,7 +230,7 @@ impl Usart {
             || on(IDLEIE, IDLE)
             || on(TCIE, TC)
             || on(TXEIE, TXE)
-            || (self.cr3 & EIE != 0 && self.flags & ORE != 0)
+            || (self.cr3 & EIE != 0 && self.flags & (FE | ORE) != 0)
     }
 
     /// Guest load. Any width: an 8-bit load of RDR is what the HAL does.
@@ -277,10 +291,7 @@ impl Usart {
         self.flags &= !TC;
         if self.shifting.is_none() {
             self.muffled = self.enables_too_late();
-            self.shifting = Some(Transmitted {
-                byte,
-                end_ns: now_ns + byte_ns,
-            });
+            self.shifting = Some(Transmitted::whole(byte, now_ns + byte_ns));
         } else {
             // A store while TXE is clear overwrites the waiting byte, as on silicon.
             self.waiting = Some(byte);

@@ -18,6 +18,7 @@ const ICR: u64 = 0x20;
 const RDR: u64 = 0x24;
 const TDR: u64 = 0x28;
 const UE_RE_TE: u32 = 0b1101;
+const FE: u32 = 1 << 1;
 const ORE: u32 = 1 << 3;
 const IDLE: u32 = 1 << 4;
 const RXNE: u32 = 1 << 5;
@@ -33,7 +34,11 @@ fn megabaud() -> Usart {
 }
 
 fn byte(byte: u8, end_ns: u64) -> Transmitted {
-    Transmitted { byte, end_ns }
+    Transmitted {
+        byte,
+        end_ns,
+        damaged: false,
+    }
 }
 
 #[test]
@@ -97,6 +102,27 @@ fn reception_idle_and_overrun() {
     usart.advance(60_000);
     assert_eq!(usart.read(ISR) & ORE, ORE, "RDR was still full");
     assert_eq!((usart.read(RDR), usart.overruns()), (2, 1));
+}
+
+#[test]
+fn a_damaged_byte_raises_the_framing_error_until_it_is_cleared() {
+    let mut usart = megabaud();
+    let damaged = Transmitted {
+        damaged: true,
+        ..byte(7, 20_000)
+    };
+    usart.schedule([byte(6, 10_000), damaged, byte(8, 30_000)].into_iter());
+    usart.advance(10_000);
+    assert_eq!((usart.read(ISR) & (FE | RXNE), usart.read(RDR)), (RXNE, 6));
+    usart.advance(20_000);
+    assert_eq!(
+        (usart.read(ISR) & (FE | RXNE), usart.read(RDR)),
+        (FE | RXNE, 7)
+    );
+    usart.advance(30_000);
+    assert_eq!(usart.read(ISR) & FE, FE, "stays");
+    usart.write(ICR, FE, 0);
+    assert_eq!((usart.read(ISR) & (FE | RXNE), usart.read(RDR)), (RXNE, 8));
 }
 
 #[test]

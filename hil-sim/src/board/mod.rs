@@ -13,6 +13,7 @@
 
 pub mod elf;
 pub mod host;
+mod line;
 pub mod peer;
 pub mod runner;
 pub mod serve;

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use super::runner::BusPeer;
+use super::runner::{Arrival, BusPeer};
 use crate::robot::wire::{MotorBus, Received};
 
 /// What a receiver makes of a byte that collided: any value, here always the same.
@@ -16,6 +16,7 @@ pub struct Motors<M> {
     motors: M,
     now_ns: u64,
     received: VecDeque<Received>,
+    spoiled_until_ns: u64,
 }
 
 impl<M: MotorBus> Motors<M> {
@@ -25,7 +26,13 @@ impl<M: MotorBus> Motors<M> {
             motors,
             now_ns: 0,
             received: VecDeque::new(),
+            spoiled_until_ns: 0,
         }
+    }
+
+    /// Everything that the board receives before this guest time is damaged on the wire.
+    pub fn spoil_until(&mut self, until_ns: u64) {
+        self.spoiled_until_ns = until_ns;
     }
 
     /// The motors.
@@ -45,8 +52,16 @@ impl<M: MotorBus> BusPeer for Motors<M> {
         self.now_ns = now_ns;
     }
 
-    fn arrivals(&mut self, into: &mut Vec<(u8, u64)>) {
-        let now_ns = self.now_ns;
+    fn arrivals(&mut self, into: &mut Vec<Arrival>) {
+        let (now_ns, spoiled_until_ns) = (self.now_ns, self.spoiled_until_ns);
+        let arrival = |byte: Option<u8>, end_ns| {
+            let whole = byte.filter(|_| end_ns >= spoiled_until_ns);
+            Arrival {
+                byte: whole.unwrap_or(SPOILED),
+                end_ns,
+                damaged: whole.is_none(),
+            }
+        };
         match self.motors.wire() {
             // What has been received was announced while it was on the wire.
             Some(bus) => {
@@ -55,12 +70,12 @@ impl<M: MotorBus> BusPeer for Motors<M> {
                 into.extend(
                     coming
                         .filter(|byte| byte.at_ns > now_ns)
-                        .map(|byte| (if byte.clean { byte.byte } else { SPOILED }, byte.at_ns)),
+                        .map(|byte| arrival(byte.clean.then_some(byte.byte), byte.at_ns)),
                 );
             }
             None => into.extend(self.received.drain(..).map(|received| match received {
-                Received::Byte(byte) => (byte, now_ns),
-                Received::Spoiled => (SPOILED, now_ns),
+                Received::Byte(byte) => arrival(Some(byte), now_ns),
+                Received::Spoiled => arrival(None, now_ns),
             })),
         }
     }

@@ -1,6 +1,5 @@
 //! Runs the firmware image in QEMU, in lock-step with whatever is on its motor bus.
 
-use std::collections::VecDeque;
 use std::ffi::OsString;
 use std::fs::File;
 use std::io::{self, BufReader};
@@ -13,6 +12,7 @@ use std::time::Duration;
 use thiserror::Error;
 
 use super::elf::Region;
+use super::line::{Line, Passage};
 use super::wire::{Cause, Order, Poke, Port, RegionCount, Report, TimedByte, WIRE_VERSION};
 
 /// Guest time of one instruction as QEMU's `-icount shift`: 16 ns, that is 62.5 MIPS or 1.28 cycles each at 80 MHz.
@@ -24,6 +24,17 @@ pub const BATTERY_FULL_SAMPLE: u16 = 2193;
 /// How long the runner sleeps between two looks whether QEMU has connected or died.
 const CONNECT_POLL: Duration = Duration::from_millis(2);
 
+/// One byte on its way to the board.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Arrival {
+    /// The byte.
+    pub byte: u8,
+    /// End of its stop bit, nanoseconds of guest time.
+    pub end_ns: u64,
+    /// It arrives with a framing error.
+    pub damaged: bool,
+}
+
 /// What is on the motor bus of the board.
 pub trait BusPeer {
     /// A byte from the board whose stop bit ended at `end_ns`. Called in order of time, before [`Self::advance_to`].
@@ -32,9 +43,9 @@ pub trait BusPeer {
     /// Lets time pass up to `now_ns`.
     fn advance_to(&mut self, now_ns: u64);
 
-    /// Every byte for the board that is due at the present time or later: value and end of the stop bit, in order of
-    /// time. Asked after every exchange; the answer replaces the one before.
-    fn arrivals(&mut self, into: &mut Vec<(u8, u64)>);
+    /// Every byte for the board that is due at the present time or later, in order of time. Asked after every exchange; the answer replaces the one
+    /// before.
+    fn arrivals(&mut self, into: &mut Vec<Arrival>);
 
     /// When something will happen by itself: a byte arrives, a driver gives up waiting.
     fn next_event_ns(&self) -> Option<u64>;
@@ -47,7 +58,7 @@ pub struct EmptyBus;
 impl BusPeer for EmptyBus {
     fn sent(&mut self, _byte: u8, _end_ns: u64) {}
     fn advance_to(&mut self, _now_ns: u64) {}
-    fn arrivals(&mut self, _into: &mut Vec<(u8, u64)>) {}
+    fn arrivals(&mut self, _into: &mut Vec<Arrival>) {}
     fn next_event_ns(&self) -> Option<u64> {
         None
     }
@@ -156,14 +167,6 @@ pub struct BoardFigures {
     pub profile: Vec<u64>,
     /// Bytes of stack never used, if asked for.
     pub stack_untouched: Option<u64>,
-}
-
-/// One direction of a host link: bytes on their way to the guest.
-#[derive(Clone, Debug, Default)]
-struct Line {
-    waiting: VecDeque<u8>,
-    travelling: VecDeque<TimedByte>,
-    received: Vec<u8>,
 }
 
 /// A board in QEMU. Guest time moves only inside [`Self::run_until`].
@@ -363,8 +366,22 @@ impl<B: BusPeer> BoardRunner<B> {
 
     /// Queues bytes towards the guest on a host link. They travel at the guest's baud rate.
     pub fn send(&mut self, port: Port, bytes: &[u8]) {
+        self.queue(port, bytes, Passage::Whole);
+    }
+
+    /// As [`Self::send`], but every byte arrives with a framing error.
+    pub fn send_damaged(&mut self, port: Port, bytes: &[u8]) {
+        self.queue(port, bytes, Passage::Damaged);
+    }
+
+    /// As [`Self::send`], but all arrive in the instant of the byte before: no guest is fast enough to take them.
+    pub fn send_at_once(&mut self, port: Port, bytes: &[u8]) {
+        self.queue(port, bytes, Passage::AtOnce);
+    }
+
+    fn queue(&mut self, port: Port, bytes: &[u8], passage: Passage) {
         if let Some(index) = link_index(port) {
-            self.links[index].waiting.extend(bytes);
+            self.links[index].queue(bytes, passage);
         }
     }
 
@@ -480,10 +497,11 @@ impl<B: BusPeer> BoardRunner<B> {
         self.bus.arrivals(&mut arrivals);
         self.arriving.clear();
         self.arriving
-            .extend(arrivals.into_iter().map(|(byte, end_ns)| TimedByte {
+            .extend(arrivals.into_iter().map(|arrival| TimedByte {
                 port: Port::Bus,
-                byte,
-                end_ns,
+                byte: arrival.byte,
+                end_ns: arrival.end_ns,
+                damaged: arrival.damaged,
             }));
         let mut bytes = self.arriving.clone();
         for (line, port) in self.links.iter_mut().zip([Port::Wire, Port::Radio]) {
@@ -520,24 +538,6 @@ impl<B: BusPeer> BoardRunner<B> {
         self.bus.advance_to(now);
         for line in &mut self.links {
             line.travelling.retain(|byte| byte.end_ns > now);
-        }
-    }
-}
-
-impl Line {
-    /// Puts waiting bytes on the wire, one after the other. While the guest's port is off they keep waiting.
-    fn launch(&mut self, port: Port, now_ns: u64, byte_ns: u64) {
-        if byte_ns == 0 {
-            return;
-        }
-        let mut free_at = self.travelling.back().map_or(now_ns, |last| last.end_ns);
-        for byte in self.waiting.drain(..) {
-            free_at += byte_ns;
-            self.travelling.push_back(TimedByte {
-                port,
-                byte,
-                end_ns: free_at,
-            });
         }
     }
 }

@@ -7,7 +7,7 @@
 use std::io::{self, Read, Write};
 
 /// Version of these messages; the plugin sends it first and the host side refuses another one.
-pub const WIRE_VERSION: u32 = 1;
+pub const WIRE_VERSION: u32 = 2;
 
 /// Most bytes in one message: a guard against a broken peer, far above any burst (a 96 KiB RAM cannot queue more).
 const MAX_BYTES: u32 = 1 << 20;
@@ -57,6 +57,8 @@ pub struct TimedByte {
     pub byte: u8,
     /// Guest time at the end of its stop bit, nanoseconds.
     pub end_ns: u64,
+    /// The line was not at rest where the stop bit belongs: the receiver sees a framing error.
+    pub damaged: bool,
 }
 
 /// Instructions counted between two addresses of the image.
@@ -161,6 +163,7 @@ impl Out {
             self.u8(b.port.number());
             self.u8(b.byte);
             self.u64(b.end_ns);
+            self.u8(u8::from(b.damaged));
         }
     }
 }
@@ -204,6 +207,7 @@ fn read_bytes(from: &mut impl Read) -> io::Result<Vec<TimedByte>> {
                 port: Port::from_number(read_u8(from)?)?,
                 byte: read_u8(from)?,
                 end_ns: read_u64(from)?,
+                damaged: read_bool(from)?,
             })
         })
         .collect()
@@ -244,7 +248,7 @@ impl Report {
     /// # Errors
     /// Those of the stream.
     pub fn write(&self, to: &mut impl Write) -> io::Result<()> {
-        let mut out = Out(Vec::with_capacity(128 + 10 * self.sent.len()));
+        let mut out = Out(Vec::with_capacity(128 + 11 * self.sent.len()));
         out.u8(match self.cause {
             Cause::Hello => 0,
             Cause::Sync => 1,
@@ -323,7 +327,7 @@ impl Order {
     /// # Errors
     /// Those of the stream.
     pub fn write(&self, to: &mut impl Write) -> io::Result<()> {
-        let mut out = Out(Vec::with_capacity(24 + 10 * self.bytes.len()));
+        let mut out = Out(Vec::with_capacity(24 + 11 * self.bytes.len()));
         out.u8(u8::from(self.quit));
         out.u8(u8::from(self.stop_open));
         out.u8(u8::from(self.reset));

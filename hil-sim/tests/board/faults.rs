@@ -1,13 +1,16 @@
-//! What a board must survive, on the real image: STOP, watchdog, HardFault, unreadable flash, noise on the wire.
+//! What a board must survive, on the real image: STOP, watchdog, HardFault, unreadable flash, noise on the wire, errors of its receivers.
 
 use firmware::crash::{BLOCK_BYTES, CrashKind, CrashRecord};
 use hil_sim::board::elf::{Elf, Symbol};
 use hil_sim::board::host::BoardHost;
+use hil_sim::board::peer::Motors;
 use hil_sim::board::runner::{BoardError, BoardRunner, BusPeer};
 use hil_sim::board::tools::Built;
 use hil_sim::board::wire::Port;
 use hil_sim::robot::ideal::IdealMotors;
-use protocol::link::{EndReason, FromModule, Info, ModuleState, RunEnd, SlotInfo, ToModule};
+use protocol::link::{
+    EndReason, EventKind, FromModule, Info, ModuleState, PortFault, RunEnd, SlotInfo, ToModule,
+};
 
 use crate::common::{SECOND_NS, board, built, gait, law};
 
@@ -43,6 +46,27 @@ fn slots<B: BusPeer>(board: &mut BoardRunner<B>, host: &mut BoardHost) -> Vec<Op
     match host.ask(board, &ToModule::ListSlots).expect("answers") {
         FromModule::Slots { slots, .. } => slots.into_iter().collect(),
         other => panic!("{other:?}"),
+    }
+}
+
+/// The receiver errors that the module tells of, in order.
+fn port_errors<B: BusPeer>(
+    board: &mut BoardRunner<B>,
+    host: &mut BoardHost,
+) -> Vec<(u8, PortFault)> {
+    let (mut found, mut since) = (Vec::new(), 0);
+    loop {
+        match host.ask(board, &ToModule::GetEvents { since }) {
+            Ok(FromModule::Events { next, events, .. }) if !events.is_empty() => {
+                since = next;
+                found.extend(events.iter().filter_map(|event| match event.kind {
+                    EventKind::PortError { port, fault } => Some((port, fault)),
+                    _ => None,
+                }));
+            }
+            Ok(FromModule::Events { .. }) => return found,
+            other => panic!("{other:?}"),
+        }
     }
 }
 
@@ -125,7 +149,7 @@ fn a_stack_that_runs_out_is_a_record_of_its_own_kind() {
     let bottom = 0x1000_0000;
     let mut config = built.config();
     config.elf = with_stack_pointer(&built, bottom + 3 * 1024);
-    let peer = hil_sim::board::peer::Motors::new(IdealMotors::new(false));
+    let peer = Motors::new(IdealMotors::new(false));
     let end = BoardRunner::start(&config, peer).and_then(|mut board| {
         board.run_until(3 * SECOND_NS)?;
         Ok(())
@@ -226,4 +250,60 @@ fn noise_at_line_rate_on_the_cable_changes_no_set_point_and_costs_no_cycle() {
     let counters = info.counters;
     assert_eq!((counters.overruns, counters.bus_timeouts), (0, 0));
     assert!(counters.link.bad_crc + counters.link.bad_framing > 100);
+}
+
+/// What errors the receivers report in a run of 4 s, to which `strike` happens 1 s after the order; its end, and the overruns of the ports.
+fn run_struck(
+    built: &Built,
+    strike: impl FnOnce(&mut BoardRunner<Motors<IdealMotors>>),
+) -> (Vec<(u8, PortFault)>, RunEnd, [u64; 3]) {
+    let (mut board, mut host) = board(&built.config());
+    host.home(&mut board).expect("drivers answer");
+    let digest = host.upload(&mut board, 0, &gait("crawl")).expect("clear");
+    host.start(&mut board, 0, digest, 4_000).expect("ready");
+    board.run_until(board.now_ns() + SECOND_NS).expect("runs");
+    assert_eq!(port_errors(&mut board, &mut host), []);
+    strike(&mut board);
+    board.run_until(board.now_ns() + SECOND_NS).expect("runs");
+    let errors = port_errors(&mut board, &mut host);
+    let end = host
+        .wait_for_end(&mut board, 20 * SECOND_NS)
+        .expect("runs")
+        .expect("the lease ends");
+    assert_eq!(end.reason, EndReason::Completed);
+    assert_eq!(
+        end.setpoint_crc32c,
+        law(&gait("crawl"), end.cycles as usize).0
+    );
+    (errors, end, board.finish().expect("ends").overruns)
+}
+
+#[test]
+fn framing_errors_and_overruns_of_the_links_are_told_and_change_no_set_point() {
+    let Some(built) = built("receiver errors of the links in QEMU") else {
+        return;
+    };
+    // Zeros end a frame, so that what follows is read again.
+    for (number, port) in [(0, Port::Wire), (1, Port::Radio)] {
+        let damaged = run_struck(&built, |board| board.send_damaged(port, &[0]));
+        assert_eq!(damaged.0, [(number, PortFault::Noise)]);
+        assert_eq!((damaged.1.holds, damaged.2), (0, [0; 3]));
+        let lost = run_struck(&built, |board| board.send_at_once(port, &[0, 0]));
+        assert_eq!(lost.0, [(number, PortFault::Overrun)]);
+        assert_eq!(lost.2[usize::from(port.number())], 1);
+    }
+}
+
+#[test]
+fn framing_errors_of_the_motor_bus_are_told_and_the_run_goes_on() {
+    let Some(built) = built("receiver errors of the bus in QEMU") else {
+        return;
+    };
+    let (errors, end, overruns) = run_struck(&built, |board| {
+        let until_ns = board.now_ns() + 60_000_000;
+        board.bus().spoil_until(until_ns);
+    });
+    assert!(errors.contains(&(2, PortFault::Noise)), "{errors:?}");
+    assert!(errors.iter().all(|error| error.0 == 2), "{errors:?}");
+    assert_eq!((end.holds, overruns), (0, [0; 3]));
 }
