@@ -324,34 +324,94 @@ impl Adc {
 const RNG_CR: u64 = 0x00;
 const RNG_SR: u64 = 0x04;
 const RNG_DR: u64 = 0x08;
+const RNG_RNGEN: u32 = 1 << 2;
+const RNG_DRDY: u32 = 1 << 0;
+/// CECS and CEIS: the clock is too slow now, and was.
+const RNG_CLOCK_ERROR: u32 = (1 << 1) | (1 << 5);
+/// SECS and SEIS: the seed is bad now, and was.
+const RNG_SEED_ERROR: u32 = (1 << 2) | (1 << 6);
+const RNG_SEIS: u32 = 1 << 6;
+/// Words that a generator gives before its seed fails once.
+const WORDS_BEFORE_SEED_ERROR: u32 = 10;
+
+/// What is wrong with the random number generator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum RngFault {
+    /// It never has a word ready.
+    Silent,
+    /// An error of its seed that no restart takes away.
+    Seed,
+    /// An error of its seed in mid-sequence, once in every life of the machine, that a restart takes away.
+    SeedOnce,
+    /// Its clock is dead.
+    Clock,
+    /// It gives the same word for ever.
+    Stuck,
+}
 
 /// The random number generator: a fixed sequence that goes on over resets, so that boots differ and runs repeat.
 #[derive(Debug)]
 pub(crate) struct Rng {
     control: u32,
     state: u64,
+    fault: Option<RngFault>,
+    words: u32,
+    seed_failed: bool,
 }
 
 impl Rng {
-    pub(crate) fn new(seed: u64) -> Self {
+    pub(crate) fn new(seed: u64, fault: Option<RngFault>) -> Self {
         Rng {
             control: 0,
             state: seed,
+            fault,
+            words: 0,
+            seed_failed: false,
         }
+    }
+
+    fn status(&self) -> u32 {
+        match self.fault {
+            Some(RngFault::Clock) => RNG_CLOCK_ERROR,
+            Some(RngFault::Seed) => RNG_SEED_ERROR,
+            Some(RngFault::Silent) => 0,
+            _ if self.seed_failed => RNG_SEED_ERROR,
+            _ if self.control & RNG_RNGEN != 0 => RNG_DRDY,
+            _ => 0,
+        }
+    }
+
+    fn word(&mut self) -> u32 {
+        if self.status() & RNG_DRDY == 0 {
+            return 0;
+        }
+        self.words = self.words.saturating_add(1);
+        if self.fault == Some(RngFault::SeedOnce) && self.words == WORDS_BEFORE_SEED_ERROR {
+            self.seed_failed = true;
+        }
+        if self.fault == Some(RngFault::Stuck) {
+            return self.state as u32;
+        }
+        self.next()
     }
 
     pub(crate) fn read(&mut self, offset: u64) -> u32 {
         match offset {
             RNG_CR => self.control,
-            RNG_SR => u32::from(self.control & 4 != 0),
-            RNG_DR => self.next(),
+            RNG_SR => self.status(),
+            RNG_DR => self.word(),
             _ => 0,
         }
     }
 
     pub(crate) fn write(&mut self, offset: u64, value: u32) {
-        if offset == RNG_CR {
-            self.control = value;
+        match offset {
+            RNG_CR => self.control = value,
+            // Cleared by a 0, with the generator off (RM0351 section 27.3.5).
+            RNG_SR if value & RNG_SEIS == 0 && self.control & RNG_RNGEN == 0 => {
+                self.seed_failed = false;
+            }
+            _ => {}
         }
     }
 

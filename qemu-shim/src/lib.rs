@@ -48,7 +48,7 @@ pub unsafe extern "C" fn qemu_plugin_install(
         Ok(options) => options,
         Err(error) => {
             eprintln!(
-                "rb-shim: {error:?}; options are socket=PATH[,clock=HZ][,seed=N][,region=BEGIN:END+END][,profile=FILE][,stack=LOW:HIGH]"
+                "rb-shim: {error:?}; options are socket=PATH[,clock=HZ][,seed=N][,rng=FAULT][,region=BEGIN:END+END][,profile=FILE][,stack=LOW:HIGH]"
             );
             return 1;
         }

@@ -118,7 +118,7 @@ fn now_ns() -> u64 {
 pub(crate) fn install(options: Options) -> std::io::Result<()> {
     let writer = UnixStream::connect(&options.socket)?;
     let reader = BufReader::new(writer.try_clone()?);
-    let (clock_hz, seed) = (options.clock_hz, options.seed);
+    let (clock_hz, seed, rng_fault) = (options.clock_hz, options.seed, options.rng_fault);
     let machine = Machine {
         options,
         reader,
@@ -128,7 +128,7 @@ pub(crate) fn install(options: Options) -> std::io::Result<()> {
         flash: Flash::new(),
         watchdog: Watchdog::new(),
         adc: Adc::new(0),
-        rng: Rng::new(seed),
+        rng: Rng::new(seed, rng_fault),
         identity: identity(seed),
         interrupts: [std::ptr::null_mut(); 3],
         levels: [false; 3],

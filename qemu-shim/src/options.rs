@@ -3,6 +3,8 @@
 
 use std::path::PathBuf;
 
+use crate::blocks::RngFault;
+
 /// Instructions are counted from a visit of `begin` to the next visit of one of `ends`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct RegionOption {
@@ -19,6 +21,8 @@ pub(crate) struct Options {
     pub(crate) clock_hz: u64,
     /// `seed=N`: start of the random number generator's sequence.
     pub(crate) seed: u64,
+    /// `rng=silent|seed|seed-once|clock|stuck`: what is wrong with the random number generator.
+    pub(crate) rng_fault: Option<RngFault>,
     /// `region=BEGIN:END+END…`, any number of times, addresses in hexadecimal.
     pub(crate) regions: Vec<RegionOption>,
     /// `profile=FILE`: one line `START END` (hexadecimal) per function, in order of address.
@@ -52,6 +56,17 @@ fn region(value: &str) -> Option<RegionOption> {
     })
 }
 
+fn rng_fault(value: &str) -> Option<RngFault> {
+    match value {
+        "silent" => Some(RngFault::Silent),
+        "seed" => Some(RngFault::Seed),
+        "seed-once" => Some(RngFault::SeedOnce),
+        "clock" => Some(RngFault::Clock),
+        "stuck" => Some(RngFault::Stuck),
+        _ => None,
+    }
+}
+
 fn range(value: &str) -> Option<(u64, u64)> {
     let (low, high) = value.split_once(':')?;
     Some((hex(low)?, hex(high)?)).filter(|(low, high)| low < high)
@@ -74,6 +89,7 @@ pub(crate) fn parse<'a>(arguments: impl Iterator<Item = &'a str>) -> Result<Opti
         socket: PathBuf::new(),
         clock_hz: DEFAULT_CLOCK_HZ,
         seed: 0,
+        rng_fault: None,
         regions: Vec::new(),
         profile: Vec::new(),
         stack: None,
@@ -87,6 +103,7 @@ pub(crate) fn parse<'a>(arguments: impl Iterator<Item = &'a str>) -> Result<Opti
                 options.clock_hz = value.parse().ok().filter(|&hz| hz > 0).ok_or_else(bad)?
             }
             "seed" => options.seed = value.parse().map_err(|_| bad())?,
+            "rng" => options.rng_fault = Some(rng_fault(value).ok_or_else(bad)?),
             "region" => options.regions.push(region(value).ok_or_else(bad)?),
             "profile" => options.profile = profile(value).ok_or_else(bad)?,
             "stack" => options.stack = Some(range(value).ok_or_else(bad)?),

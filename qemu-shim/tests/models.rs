@@ -7,7 +7,7 @@ mod blocks;
 #[path = "../src/usart.rs"]
 mod usart;
 
-use blocks::{Adc, Flash, STORE_BYTES, Watchdog};
+use blocks::{Adc, Flash, Rng, RngFault, STORE_BYTES, Watchdog};
 use usart::{Transmitted, Usart};
 
 const CR1: u64 = 0x00;
@@ -284,4 +284,55 @@ fn adc_becomes_ready_and_converts() {
     assert_eq!(adc.read(0x00) & 0b1100, 0b1100);
     assert_eq!(adc.read(0x40), 2193);
     assert_eq!(adc.read(0x00) & 0b0100, 0, "reading the data clears EOC");
+}
+
+const RNG_CR: u64 = 0x00;
+const RNG_SR: u64 = 0x04;
+const RNG_DR: u64 = 0x08;
+const RNGEN: u32 = 1 << 2;
+
+#[test]
+fn a_generator_gives_words_when_on_and_a_failed_seed_needs_a_restart() {
+    let mut rng = Rng::new(5, None);
+    assert_eq!((rng.read(RNG_SR), rng.read(RNG_DR)), (0, 0), "off");
+    rng.write(RNG_CR, RNGEN);
+    assert_eq!(rng.read(RNG_SR), 1);
+    assert_ne!(rng.read(RNG_DR), rng.read(RNG_DR));
+
+    let mut rng = Rng::new(5, Some(RngFault::SeedOnce));
+    rng.write(RNG_CR, RNGEN);
+    while rng.read(RNG_SR) == 1 {
+        assert_ne!(rng.read(RNG_DR), 0);
+    }
+    assert_eq!(rng.read(RNG_SR), (1 << 2) | (1 << 6));
+    rng.write(RNG_SR, 0);
+    assert_ne!(rng.read(RNG_SR), 1, "not while it is on");
+    rng.write(RNG_CR, 0);
+    rng.write(RNG_SR, 0);
+    rng.write(RNG_CR, RNGEN);
+    assert_eq!(rng.read(RNG_SR), 1);
+    for _ in 0..100 {
+        assert_ne!(rng.read(RNG_DR), 0);
+    }
+    assert_eq!(rng.read(RNG_SR), 1, "once");
+}
+
+#[test]
+fn a_broken_generator_says_how_or_says_nothing() {
+    for (fault, status) in [
+        (RngFault::Silent, 0),
+        (RngFault::Seed, (1 << 2) | (1 << 6)),
+        (RngFault::Clock, (1 << 1) | (1 << 5)),
+    ] {
+        let mut rng = Rng::new(5, Some(fault));
+        for _ in 0..3 {
+            rng.write(RNG_CR, 0);
+            rng.write(RNG_SR, 0);
+            rng.write(RNG_CR, RNGEN);
+            assert_eq!((rng.read(RNG_SR), rng.read(RNG_DR)), (status, 0));
+        }
+    }
+    let mut rng = Rng::new(5, Some(RngFault::Stuck));
+    rng.write(RNG_CR, RNGEN);
+    assert_eq!((rng.read(RNG_DR), rng.read(RNG_DR)), (5, 5));
 }

@@ -64,6 +64,34 @@ impl BusPeer for EmptyBus {
     }
 }
 
+/// What is wrong with the board's random number generator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RngFault {
+    /// It never has a word ready.
+    Silent,
+    /// An error of its seed that no restart takes away.
+    Seed,
+    /// An error of its seed, once, that a restart takes away.
+    SeedOnce,
+    /// Its clock is dead.
+    Clock,
+    /// It gives the same word for ever.
+    Stuck,
+}
+
+impl RngFault {
+    /// As the plugin's option has it.
+    fn option(self) -> &'static str {
+        match self {
+            Self::Silent => ",rng=silent",
+            Self::Seed => ",rng=seed",
+            Self::SeedOnce => ",rng=seed-once",
+            Self::Clock => ",rng=clock",
+            Self::Stuck => ",rng=stuck",
+        }
+    }
+}
+
 /// What to run and what to count.
 #[derive(Clone, Debug)]
 pub struct BoardConfig {
@@ -75,6 +103,8 @@ pub struct BoardConfig {
     pub plugin: PathBuf,
     /// Seed of the random number generator that the guest sees.
     pub seed: u64,
+    /// What is wrong with that generator.
+    pub rng_fault: Option<RngFault>,
     /// Regions whose instructions are counted.
     pub regions: Vec<Region>,
     /// Functions whose instructions are counted one by one: start and end address, in order of address.
@@ -204,6 +234,7 @@ fn plugin_option(config: &BoardConfig, socket: &std::path::Path) -> OsString {
     option.push(",socket=");
     option.push(socket);
     option.push(format!(",seed={}", config.seed));
+    option.push(config.rng_fault.map_or("", RngFault::option));
     for region in &config.regions {
         let ends: Vec<_> = region.ends.iter().map(|end| format!("{end:x}")).collect();
         option.push(format!(",region={:x}:{}", region.begin, ends.join("+")));

@@ -152,6 +152,7 @@ impl Built {
             elf: self.elf.clone(),
             plugin: self.plugin.clone(),
             seed: 1,
+            rng_fault: None,
             regions: Vec::new(),
             profile: Vec::new(),
             stack: None,

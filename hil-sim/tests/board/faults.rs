@@ -1,15 +1,16 @@
-//! What a board must survive, on the real image: STOP, watchdog, HardFault, unreadable flash, noise on the wire, errors of its receivers.
+//! What a board must survive, on the real image: STOP, watchdog, HardFault, unreadable flash, noise on the wire, errors of its receivers and of its generator.
 
 use firmware::crash::{BLOCK_BYTES, CrashKind, CrashRecord};
 use hil_sim::board::elf::{Elf, Symbol};
-use hil_sim::board::host::BoardHost;
+use hil_sim::board::host::{AskError, BoardHost};
 use hil_sim::board::peer::Motors;
-use hil_sim::board::runner::{BoardError, BoardRunner, BusPeer};
+use hil_sim::board::runner::{BoardConfig, BoardError, BoardRunner, BusPeer, RngFault};
 use hil_sim::board::tools::Built;
 use hil_sim::board::wire::Port;
 use hil_sim::robot::ideal::IdealMotors;
 use protocol::link::{
-    EndReason, EventKind, FromModule, Info, ModuleState, PortFault, RunEnd, SlotInfo, ToModule,
+    EndReason, EventKind, FromModule, Info, ModuleState, PortFault, Reject, RunEnd, SlotInfo, Tag,
+    ToModule,
 };
 
 use crate::common::{SECOND_NS, board, built, gait, law};
@@ -306,4 +307,65 @@ fn framing_errors_of_the_motor_bus_are_told_and_the_run_goes_on() {
     assert!(errors.contains(&(2, PortFault::Noise)), "{errors:?}");
     assert!(errors.iter().all(|error| error.0 == 2), "{errors:?}");
     assert_eq!((end.holds, overruns), (0, [0; 3]));
+}
+
+/// A robot without a key, on its cable, where orders need no challenge: even there nothing is started.
+fn starts_nothing(built: &Built, fault: RngFault) {
+    let config = BoardConfig {
+        rng_fault: Some(fault),
+        ..built.config()
+    };
+    let (mut board, mut host) = board(&config);
+    let refused = |answer| match answer {
+        Err(AskError::Rejected(reason)) => assert_eq!(reason, Reject::NoEntropy, "{fault:?}"),
+        other => panic!("{fault:?}: {other:?}"),
+    };
+    // Booted after 200 ms, however long the firmware waited for the generator.
+    board.run_until(SECOND_NS / 5).expect("boots");
+    hello(&mut board, &mut host);
+    refused(host.ask(&mut board, &ToModule::GetChallenge));
+    assert_eq!(info(&mut board, &mut host).state, ModuleState::Fault);
+    let clear = ToModule::ClearFault { tag: Tag::NONE };
+    host.ask(&mut board, &clear).expect("cleared");
+    host.home(&mut board).expect("drivers answer");
+    let digest = host.upload(&mut board, 0, &gait("crawl")).expect("clear");
+    let start = host.start(&mut board, 0, digest, 4_000);
+    refused(start.map(|()| FromModule::Ack { request: 0 }));
+    board.run_until(board.now_ns() + SECOND_NS).expect("runs");
+    assert!((0..6).all(|joint| !board.bus().motors().torque(joint)));
+    assert_eq!(board.finish().expect("ends").watchdog_bites, 0);
+}
+
+#[test]
+fn a_generator_that_fails_gives_no_challenge_and_starts_nothing() {
+    let Some(built) = built("random number generator in QEMU") else {
+        return;
+    };
+    for fault in [
+        RngFault::Silent,
+        RngFault::Seed,
+        RngFault::Clock,
+        RngFault::Stuck,
+    ] {
+        starts_nothing(&built, fault);
+    }
+}
+
+#[test]
+fn a_seed_that_fails_once_costs_a_restart_of_the_generator_and_no_more() {
+    let Some(built) = built("seed of the random number generator in QEMU") else {
+        return;
+    };
+    let config = BoardConfig {
+        rng_fault: Some(RngFault::SeedOnce),
+        ..built.config()
+    };
+    let (mut board, mut host) = board(&config);
+    board.run_until(SECOND_NS / 5).expect("boots");
+    hello(&mut board, &mut host);
+    match host.ask(&mut board, &ToModule::GetChallenge) {
+        Ok(FromModule::Challenge { .. }) => {}
+        other => panic!("{other:?}"),
+    }
+    assert_ne!(info(&mut board, &mut host).state, ModuleState::Fault);
 }
