@@ -1,4 +1,5 @@
-//! Prints the most instructions that a 20 Hz tick of the firmware image takes over all shipped gaits and 200 random ones.
+//! Prints the most instructions that a 20 Hz tick of the firmware image takes over all shipped gaits and 200 random ones, and in runs in which one shipped
+//! gait takes over from another. Of every set it prints too how many of a tick go into the motor bus.
 //!
 //! ```text
 //! cargo run -p hil-sim --release --example board_worst [gaits of each at most]
@@ -17,24 +18,64 @@ fn main() -> anyhow::Result<()> {
     let count: usize = std::env::args()
         .nth(1)
         .map_or(Ok(200), |text| text.parse())?;
-    let mut shipped = gaits::shipped()?;
-    shipped.truncate(count);
-    let sets = [("shipped", shipped), ("random", gaits::random(count))];
-    for (label, gaits) in sets {
-        let (mut most, mut refused) = (0, 0);
-        for gait in &gaits {
-            match table::most(&built, gait)? {
-                Some(instructions) => most = most.max(instructions),
-                None => refused += 1,
-            }
-        }
+    let shipped = gaits::shipped()?;
+    let few = &shipped[..count.min(shipped.len())];
+    let random = gaits::random(count);
+    let one = |gait| table::most(&built, gait);
+    let rows = [
+        ("shipped gaits", Row::of(few.iter().map(one))?),
+        ("random gaits", Row::of(random.iter().map(one))?),
+        (
+            "changes from a shipped gait to the next and back",
+            Row::of(
+                few.iter()
+                    .zip(shipped.iter().cycle().skip(1))
+                    .map(|(first, second)| table::most_of_change(&built, first, second)),
+            )?,
+        ),
+    ];
+    for (label, row) in &rows {
         println!(
-            "{} {label} gaits, {refused} of them refused: most {most} of {} instructions",
-            gaits.len(),
+            "{} {label}, {} of them refused: most {} of {} instructions",
+            row.runs,
+            row.refused,
+            row.most.tick,
             table::target_instructions()
         );
     }
+    for (label, row) in &rows {
+        println!(
+            "answers of the motor bus, {} {label}: most {} instructions of a tick",
+            row.runs, row.most.bus
+        );
+    }
     Ok(())
+}
+
+/// A set of runs.
+#[cfg(unix)]
+#[derive(Default)]
+struct Row {
+    runs: usize,
+    refused: usize,
+    most: hil_sim::board::table::Most,
+}
+
+#[cfg(unix)]
+impl Row {
+    fn of<E>(
+        runs: impl Iterator<Item = Result<Option<hil_sim::board::table::Most>, E>>,
+    ) -> Result<Self, E> {
+        let mut row = Self::default();
+        for run in runs {
+            row.runs += 1;
+            match run? {
+                Some(most) => row.most = row.most.max(most),
+                None => row.refused += 1,
+            }
+        }
+        Ok(row)
+    }
 }
 
 #[cfg(unix)]

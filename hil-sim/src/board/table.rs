@@ -4,12 +4,13 @@ use std::fmt;
 use std::time::Instant;
 
 use control::gait::Gait;
+use protocol::link::{FromModule, ModuleState, Tag, ToModule};
 use thiserror::Error;
 
 use super::elf::{Elf, ElfError, Region};
 use super::host::{AskError, BoardHost};
 use super::peer::Motors;
-use super::runner::{BoardConfig, BoardError, BoardFigures, BoardRunner};
+use super::runner::{BoardConfig, BoardError, BoardFigures, BoardRunner, BusPeer};
 use super::stack::{self, StackBound};
 use super::tools::Built;
 use super::wire::{Port, RegionCount};
@@ -27,6 +28,8 @@ const TARGET_SHARE: f64 = 0.06;
 const RUN_MS: u32 = 30_000;
 /// Guest time within which the run must have ended, ns: approach and ramp included.
 const LIMIT_NS: u64 = 90_000_000_000;
+/// From one change of the gait in a run to the next, ns: what is left of the run is longer than a ramp.
+const CHANGE_NS: u64 = 10_000_000_000;
 /// How many functions the profile shows.
 const PROFILE_ROWS: usize = 12;
 
@@ -203,31 +206,118 @@ pub fn measure(built: &Built, gait: &Gait) -> Result<BoardTable, TableError> {
     })
 }
 
-/// Most instructions in one tick of a run of 30 s on ideal motors; `None` of a gait that the module refuses.
+/// Most instructions in one tick of a run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Most {
+    /// Of the whole tick.
+    pub tick: u64,
+    /// Of the motor bus's answers in a tick, which need not be the same one.
+    pub bus: u64,
+}
+
+impl Most {
+    /// The greater of each.
+    #[must_use]
+    pub fn max(self, other: Self) -> Self {
+        Self {
+            tick: self.tick.max(other.tick),
+            bus: self.bus.max(other.bus),
+        }
+    }
+}
+
+/// Most of a run of 30 s on ideal motors; `None` of a gait that the module refuses.
 ///
 /// # Errors
 /// [`TableError`].
-pub fn most(built: &Built, gait: &Gait) -> Result<Option<u64>, TableError> {
+pub fn most(built: &Built, gait: &Gait) -> Result<Option<Most>, TableError> {
+    most_of(built, &[gait])
+}
+
+/// As [`most`], but in mid-run the second gait takes over, and later the first one again; `None` where the module refuses one of them or the change.
+///
+/// # Errors
+/// [`TableError`].
+pub fn most_of_change(
+    built: &Built,
+    first: &Gait,
+    second: &Gait,
+) -> Result<Option<Most>, TableError> {
+    most_of(built, &[first, second])
+}
+
+/// The run goes through these gaits, and back to the first of several.
+fn most_of(built: &Built, gaits: &[&Gait]) -> Result<Option<Most>, TableError> {
     let path = built.elf.clone();
     let bytes = std::fs::read(&path).map_err(|source| TableError::File { path, source })?;
+    let elf = Elf::parse(&bytes)?;
+    let [.., bus] = PARTS;
     let config = BoardConfig {
-        regions: vec![Elf::parse(&bytes)?.period(PERIOD.0, PERIOD.1)?],
+        regions: vec![elf.period(PERIOD.0, PERIOD.1)?, elf.region(bus.0, bus.1)?],
         ..built.config()
     };
     let mut board = BoardRunner::start(&config, Motors::new(IdealMotors::new(false)))?;
     let mut host = BoardHost::new(Port::Wire);
     host.home(&mut board)?;
-    let digest = match host.upload(&mut board, 0, gait) {
-        Ok(digest) => digest,
-        Err(AskError::Rejected(_)) => return Ok(None),
-        Err(error) => return Err(error.into()),
+    match play(&mut board, &mut host, gaits) {
+        Ok(()) => {}
+        Err(TableError::Ask(AskError::Rejected(_))) => return Ok(None),
+        Err(error) => return Err(error),
+    }
+    let figures = board.finish()?;
+    let [tick, bus] = figures.regions[..] else {
+        return Ok(None);
+    };
+    Ok(Some(Most {
+        tick: tick.max,
+        bus: bus.most_in_period,
+    }))
+}
+
+/// Uploads, counts anew, plays for [`RUN_MS`]. Of several gaits the next takes over every [`CHANGE_NS`] of the run, and the first comes last again.
+fn play<B: BusPeer>(
+    board: &mut BoardRunner<B>,
+    host: &mut BoardHost,
+    gaits: &[&Gait],
+) -> Result<(), TableError> {
+    let mut stored = Vec::new();
+    for (slot, gait) in (0..).zip(gaits) {
+        stored.push((slot, host.upload(board, slot, gait)?));
+    }
+    let Some((&(slot, digest), others)) = stored.split_first() else {
+        return Ok(());
     };
     board.restart_counts();
-    host.start(&mut board, 0, digest, RUN_MS)?;
-    host.wait_for_end(&mut board, LIMIT_NS)?
-        .ok_or(TableError::NoEnd)?;
-    let figures = board.finish()?;
-    Ok(figures.regions.first().map(|total| total.max))
+    host.start(board, slot, digest, RUN_MS)?;
+    if !others.is_empty() {
+        wait_for_run(board, host)?;
+        for &(slot, digest) in others.iter().chain([&(slot, digest)]) {
+            board.run_until(board.now_ns() + CHANGE_NS)?;
+            let tag = Tag::NONE;
+            host.ask(board, &ToModule::ChangeGait { slot, digest, tag })?;
+        }
+    }
+    // A change may bring the end of the run with it.
+    if host.ends.is_empty() {
+        host.wait_for_end(board, LIMIT_NS)?
+            .ok_or(TableError::NoEnd)?;
+    }
+    Ok(())
+}
+
+/// Lets the approach pass.
+fn wait_for_run<B: BusPeer>(
+    board: &mut BoardRunner<B>,
+    host: &mut BoardHost,
+) -> Result<(), TableError> {
+    let limit_ns = board.now_ns() + LIMIT_NS;
+    while board.now_ns() < limit_ns {
+        match host.ask(board, &ToModule::GetInfo)? {
+            FromModule::Info(info) if info.state == ModuleState::Run => return Ok(()),
+            _ => board.run_until(board.now_ns() + CHANGE_NS / 20)?,
+        }
+    }
+    Err(TableError::NoEnd)
 }
 
 fn rows(regions: &[RegionCount]) -> Vec<TickRow> {

@@ -13,12 +13,24 @@ fn a_tick_of_the_image_stays_within_its_share_of_the_period() {
     let most = table::most(&built, &crawl)
         .expect("measured")
         .expect("taken");
-    assert!(most <= table::target_instructions(), "{most}");
+    assert!(most.tick <= table::target_instructions(), "{most:?}");
+    assert!((1..most.tick).contains(&most.bus), "{most:?}");
     assert!(total.max.is_some_and(|m| m <= table::target_instructions()));
-    assert!(total.mean < most as f64 && whole.ticks > 600);
+    assert!(total.mean < most.tick as f64 && whole.ticks > 600);
     assert!(
         whole
             .stack_bound
             .is_some_and(|b| b.total_bytes() >= whole.stack_used)
     );
+}
+
+#[test]
+fn a_change_of_gait_in_mid_run_stays_within_the_share_too() {
+    let Some(built) = built("ticks of a change") else {
+        return;
+    };
+    let most = table::most_of_change(&built, &gait("crawl"), &gait("sidewind"))
+        .expect("measured")
+        .expect("taken");
+    assert!(most.tick <= table::target_instructions(), "{most:?}");
 }
