@@ -1,5 +1,7 @@
-//! Prints the most instructions that a 20 Hz tick of the firmware image takes over all shipped gaits and 200 random ones, and in runs in which one shipped
-//! gait takes over from another. Of every set it prints too how many of a tick go into the motor bus.
+//! Prints the most instructions that a 20 Hz tick of the firmware image takes over all shipped gaits and 200 random ones.
+//!
+//! Then in runs in which one shipped gait takes over from another, ordered by a host that keeps in touch. Then the same by a host that falls silent: it
+//! comes back to a record that waits for it. Of every set it prints too how many instructions of a tick the answers of the motor bus take.
 //!
 //! ```text
 //! cargo run -p hil-sim --release --example board_worst [gaits of each at most]
@@ -13,7 +15,8 @@ mod draw;
 
 #[cfg(unix)]
 fn main() -> anyhow::Result<()> {
-    use hil_sim::board::{table, tools};
+    use hil_sim::board::table::{self, Contact};
+    use hil_sim::board::tools;
     let built = tools::build(&std::env::current_dir()?)?;
     let count: usize = std::env::args()
         .nth(1)
@@ -22,16 +25,22 @@ fn main() -> anyhow::Result<()> {
     let few = &shipped[..count.min(shipped.len())];
     let random = gaits::random(count);
     let one = |gait| table::most(&built, gait);
+    let pairs = || few.iter().zip(shipped.iter().cycle().skip(1));
+    let changes = |contact| {
+        Row::of(
+            pairs().map(|(first, second)| table::most_of_change(&built, first, second, contact)),
+        )
+    };
     let rows = [
         ("shipped gaits", Row::of(few.iter().map(one))?),
         ("random gaits", Row::of(random.iter().map(one))?),
         (
             "changes from a shipped gait to the next and back",
-            Row::of(
-                few.iter()
-                    .zip(shipped.iter().cycle().skip(1))
-                    .map(|(first, second)| table::most_of_change(&built, first, second)),
-            )?,
+            changes(Contact::Kept)?,
+        ),
+        (
+            "such changes by a host that was silent for some seconds",
+            changes(Contact::Lost)?,
         ),
     ];
     for (label, row) in &rows {

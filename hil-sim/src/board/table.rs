@@ -4,6 +4,7 @@ use std::fmt;
 use std::time::Instant;
 
 use control::gait::Gait;
+use firmware::app::core::HEARTBEATS;
 use protocol::link::{FromModule, ModuleState, Tag, ToModule};
 use thiserror::Error;
 
@@ -30,6 +31,8 @@ const RUN_MS: u32 = 30_000;
 const LIMIT_NS: u64 = 90_000_000_000;
 /// From one change of the gait in a run to the next, ns: what is left of the run is longer than a ramp.
 const CHANGE_NS: u64 = 10_000_000_000;
+/// From one question of a host that keeps in touch to the next, ns.
+const ASK_NS: u64 = 500_000_000;
 /// How many functions the profile shows.
 const PROFILE_ROWS: usize = 12;
 
@@ -231,7 +234,16 @@ impl Most {
 /// # Errors
 /// [`TableError`].
 pub fn most(built: &Built, gait: &Gait) -> Result<Option<Most>, TableError> {
-    most_of(built, &[gait])
+    most_of(built, &[gait], Contact::Kept)
+}
+
+/// What the host of a run with changes does between them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Contact {
+    /// Asks twice a second.
+    Kept,
+    /// Asks a few times and falls silent, so that the record waits for it: with the next order it comes back, and all of the record at once.
+    Lost,
 }
 
 /// As [`most`], but in mid-run the second gait takes over, and later the first one again; `None` where the module refuses one of them or the change.
@@ -242,12 +254,13 @@ pub fn most_of_change(
     built: &Built,
     first: &Gait,
     second: &Gait,
+    contact: Contact,
 ) -> Result<Option<Most>, TableError> {
-    most_of(built, &[first, second])
+    most_of(built, &[first, second], contact)
 }
 
 /// The run goes through these gaits, and back to the first of several.
-fn most_of(built: &Built, gaits: &[&Gait]) -> Result<Option<Most>, TableError> {
+fn most_of(built: &Built, gaits: &[&Gait], contact: Contact) -> Result<Option<Most>, TableError> {
     let path = built.elf.clone();
     let bytes = std::fs::read(&path).map_err(|source| TableError::File { path, source })?;
     let elf = Elf::parse(&bytes)?;
@@ -259,7 +272,7 @@ fn most_of(built: &Built, gaits: &[&Gait]) -> Result<Option<Most>, TableError> {
     let mut board = BoardRunner::start(&config, Motors::new(IdealMotors::new(false)))?;
     let mut host = BoardHost::new(Port::Wire);
     host.home(&mut board)?;
-    match play(&mut board, &mut host, gaits) {
+    match play(&mut board, &mut host, gaits, contact) {
         Ok(()) => {}
         Err(TableError::Ask(AskError::Rejected(_))) => return Ok(None),
         Err(error) => return Err(error),
@@ -279,6 +292,7 @@ fn play<B: BusPeer>(
     board: &mut BoardRunner<B>,
     host: &mut BoardHost,
     gaits: &[&Gait],
+    contact: Contact,
 ) -> Result<(), TableError> {
     let mut stored = Vec::new();
     for (slot, gait) in (0..).zip(gaits) {
@@ -292,7 +306,7 @@ fn play<B: BusPeer>(
     if !others.is_empty() {
         wait_for_run(board, host)?;
         for &(slot, digest) in others.iter().chain([&(slot, digest)]) {
-            board.run_until(board.now_ns() + CHANGE_NS)?;
+            wait_for_change(board, host, contact)?;
             let tag = Tag::NONE;
             host.ask(board, &ToModule::ChangeGait { slot, digest, tag })?;
         }
@@ -305,6 +319,22 @@ fn play<B: BusPeer>(
     Ok(())
 }
 
+/// Lets the time to the next change pass.
+fn wait_for_change<B: BusPeer>(
+    board: &mut BoardRunner<B>,
+    host: &mut BoardHost,
+    contact: Contact,
+) -> Result<(), TableError> {
+    let change_ns = board.now_ns() + CHANGE_NS;
+    let mut asked = 0;
+    while board.now_ns() + ASK_NS < change_ns && (contact == Contact::Kept || asked < HEARTBEATS) {
+        board.run_until(board.now_ns() + ASK_NS)?;
+        host.ask(board, &ToModule::Ping { host_t_us: 0 })?;
+        asked += 1;
+    }
+    Ok(board.run_until(change_ns)?)
+}
+
 /// Lets the approach pass.
 fn wait_for_run<B: BusPeer>(
     board: &mut BoardRunner<B>,
@@ -314,7 +344,7 @@ fn wait_for_run<B: BusPeer>(
     while board.now_ns() < limit_ns {
         match host.ask(board, &ToModule::GetInfo)? {
             FromModule::Info(info) if info.state == ModuleState::Run => return Ok(()),
-            _ => board.run_until(board.now_ns() + CHANGE_NS / 20)?,
+            _ => board.run_until(board.now_ns() + ASK_NS)?,
         }
     }
     Err(TableError::NoEnd)

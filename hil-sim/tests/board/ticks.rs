@@ -1,6 +1,6 @@
 //! The tables of instructions per tick, in short: one gait instead of all.
 
-use hil_sim::board::table;
+use hil_sim::board::table::{self, Contact};
 
 use crate::common::{built, gait};
 
@@ -29,7 +29,7 @@ fn a_change_of_gait_in_mid_run_stays_within_the_share_too() {
     let Some(built) = built("ticks of a change") else {
         return;
     };
-    let most = table::most_of_change(&built, &gait("crawl"), &gait("sidewind"))
+    let most = table::most_of_change(&built, &gait("crawl"), &gait("sidewind"), Contact::Kept)
         .expect("measured")
         .expect("taken");
     assert!(most.tick <= table::target_instructions(), "{most:?}");
