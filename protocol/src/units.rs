@@ -112,13 +112,8 @@ pub fn urad_from_x_position(counts: i32) -> i32 {
 #[must_use]
 pub fn x_position_from_urad(angle_urad: i32) -> i32 {
     let scaled = i64::from(angle_urad) * i64::from(X_COUNTS_PER_TURN);
-    let half = URAD_PER_TURN / 2;
-    let rounded = if scaled < 0 {
-        scaled - half
-    } else {
-        scaled + half
-    };
-    saturate(rounded / URAD_PER_TURN)
+    // No tie: a turn has an odd number of micro-radians.
+    saturate((scaled + URAD_PER_TURN / 2).div_euclid(URAD_PER_TURN))
 }
 
 fn round_i16(scaled: f32) -> i16 {

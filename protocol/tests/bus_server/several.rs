@@ -106,6 +106,31 @@ fn a_fast_bulk_read_is_one_packet_with_a_checksum_after_each_part() {
     assert_eq!(heard, want);
 }
 
+/// A damaged length swallows what follows it. Found again too late, a request is not answered: its time on the bus is over.
+#[test]
+fn a_request_that_is_found_late_is_not_answered() {
+    let sync = [&[132, 0, 4, 0][..], &[1, 2]].concat();
+    let bulk = [&[1, 132, 0, 4, 0][..], &[2, 132, 0, 4, 0]].concat();
+    for (instruction, params) in [
+        (Instruction::SyncRead, &sync),
+        (Instruction::FastSyncRead, &sync),
+        (Instruction::BulkRead, &bulk),
+        (Instruction::FastBulkRead, &bulk),
+    ] {
+        let inside = [
+            packet(BROADCAST, instruction, params),
+            packet(9, Instruction::Ping, &[]),
+        ]
+        .concat();
+        let len = (inside.len() as u16).to_le_bytes();
+        let swallowed = [&HEADER[..], &[2], &len, &inside].concat();
+        let mut bus = Bus::new(&[1, 2]);
+        assert_eq!(bus.exchange(&swallowed), [], "{instruction:?}");
+        // The servers are whole: the next request is answered.
+        assert_eq!(bus.send(1, Instruction::Ping, &[]).len(), 1);
+    }
+}
+
 #[test]
 fn a_registered_write_waits_for_its_action() {
     let mut bus = Bus::new(&[1, 2]);
