@@ -166,6 +166,19 @@ fn equal_behaviour_has_one_form() {
         a.oscillators()[3].offset_rad.to_bits(),
         b.oscillators()[3].offset_rad.to_bits()
     );
+    // No number of a gait keeps the sign of a zero: a file's digest is of the bits.
+    let mut negative = good();
+    negative.links.iter_mut().for_each(|link| {
+        (link.weight, link.phase_lag_rad) = (-0.0, -0.0);
+    });
+    let o = &mut negative.oscillators[3];
+    (o.amplitude_rad, o.offset_rad, o.initial_phase_rad) = (-0.0, -0.0, -0.0);
+    let zeros = Gait::try_from(negative).expect("valid");
+    let o = &zeros.oscillators()[3];
+    let of_links = zeros.links().iter();
+    let numbers = of_links.flat_map(|link| [link.weight, link.phase_lag_rad]);
+    let all = numbers.chain([o.amplitude_rad, o.offset_rad, o.initial_phase_rad]);
+    assert!(all.into_iter().all(|x| x.to_bits() == 0));
     let again = Gait::try_from(b.raw()).expect("canonical form is valid");
     assert_eq!(again, b, "canonical form is a fixed point");
 }
