@@ -8,16 +8,37 @@ use anyhow::{Context, Result, bail};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// A crate, and the arguments of `cargo test -p CRATE` that choose the tests that judge it.
-type Judged = (&'static str, &'static [&'static str]);
+/// Mutants that the same tests judge.
+struct Judged {
+    /// Name of the row.
+    name: &'static str,
+    /// Crate.
+    package: &'static str,
+    /// Options of `cargo mutants` that choose files.
+    files: &'static [&'static str],
+    /// Arguments of `cargo test -p CRATE` that choose the tests.
+    tests: &'static [&'static str],
+}
 
-/// The firmware's behaviour is tested from the wires, in `hil-sim`.
-const CRATES: [Judged; 3] = [
-    ("control", &["--lib", "--test", "control"]),
-    ("protocol", &[]),
-    (
-        "firmware",
-        &[
+const JUDGED: [Judged; 4] = [
+    Judged {
+        name: "control",
+        package: "control",
+        files: &[],
+        tests: &["--lib", "--test", "control"],
+    },
+    Judged {
+        name: "protocol",
+        package: "protocol",
+        files: &[],
+        tests: &[],
+    },
+    // The firmware's behaviour is tested from the wires, in `hil-sim`.
+    Judged {
+        name: "firmware",
+        package: "firmware",
+        files: &["-e", "firmware/src/stm32/**", "-e", "firmware/src/board/**"],
+        tests: &[
             "-p",
             "hil-sim",
             "--lib",
@@ -26,7 +47,19 @@ const CRATES: [Judged; 3] = [
             "--test",
             "slots_power_cut",
         ],
-    ),
+    },
+    // What only the chip runs: the tests build its image and start it in QEMU.
+    Judged {
+        name: "stm32",
+        package: "firmware",
+        files: &[
+            "-f",
+            "firmware/src/stm32/**",
+            "-f",
+            "firmware/src/board/l475.rs",
+        ],
+        tests: &["-p", "hil-sim", "--test", "board"],
+    },
 ];
 /// Shards that the mutants of a crate are dealt into when no other number is given.
 const SHARDS: u32 = 100;
@@ -35,7 +68,7 @@ const PAGE: &str = "docs/validation/mutants.md";
 /// Tests that take more than so many times what they take without a mutant hang; but not before a minute is over, s.
 const PATIENCE: [&str; 2] = ["3", "60"];
 
-/// What came of one crate.
+/// What came of one row.
 struct Outcome {
     name: &'static str,
     all: usize,
@@ -44,7 +77,7 @@ struct Outcome {
     survived: Vec<String>,
 }
 
-/// `[--shard K/N] [CRATE...]`: shard 0 of 100 of every crate when nothing is given. Rows of other crates are kept.
+/// `[--shard K/N] [ROW...]`: shard 0 of 100 of every row when nothing is given. The other rows of the page are kept.
 pub(crate) fn run(arguments: &[String]) -> Result<()> {
     let (shard, names) = match arguments {
         [flag, shard, names @ ..] if flag == "--shard" => (shard.clone(), names),
@@ -53,14 +86,14 @@ pub(crate) fn run(arguments: &[String]) -> Result<()> {
     if sh::output("cargo", &["mutants", "--version"]).is_err() {
         bail!("needs `cargo install cargo-mutants`");
     }
-    let known = |name: &String| CRATES.iter().any(|(crate_name, ..)| crate_name == name);
+    let known = |name: &String| JUDGED.iter().any(|judged| judged.name == name);
     if let Some(unknown) = names.iter().find(|name| !known(name)) {
         bail!("no mutants of `{unknown}`");
     }
     let copy = planted::copy()?;
     let wanted = |name: &str| names.is_empty() || names.iter().any(|n| n == name);
     let path = sh::root().join(PAGE);
-    for judged in CRATES.iter().filter(|(name, ..)| wanted(name)) {
+    for judged in JUDGED.iter().filter(|judged| wanted(judged.name)) {
         let outcome = mutate(&copy, judged, &shard)?;
         let date = sh::output("date", &["-I"])?;
         let row = row(&outcome, &shard, date.trim());
@@ -72,12 +105,19 @@ pub(crate) fn run(arguments: &[String]) -> Result<()> {
 }
 
 fn mutate(copy: &Path, judged: &Judged, shard: &str) -> Result<Outcome> {
-    let (name, tests) = *judged;
-    let all = sh::output("cargo", &["mutants", "--list", "-p", name])?;
+    let Judged {
+        name,
+        package,
+        files,
+        tests,
+    } = *judged;
+    let list = [&["mutants", "--list", "-p", package], files].concat();
+    let all = sh::output("cargo", &list)?;
     let output = sh::target_dir().join("mutants").join(name);
     std::fs::create_dir_all(&output)?;
     let status = Command::new("cargo")
-        .args(["mutants", "--in-place", "-p", name, "--shard", shard])
+        .args(["mutants", "--in-place", "-p", package, "--shard", shard])
+        .args(files)
         .args(["--sharding", "round-robin", "--no-shuffle"])
         .args(["--timeout-multiplier", PATIENCE[0]])
         .args(["--minimum-test-timeout", PATIENCE[1]])
@@ -141,30 +181,32 @@ fn row(outcome: &Outcome, shard: &str, date: &str) -> String {
     )
 }
 
-/// The page with a crate's row and survivors; those of the other crates are taken from the page `before`.
+/// The page with a new row and its survivors; all others are taken from the page `before`.
 fn page(outcome: &Outcome, new_row: &str, before: &str) -> String {
     let (mut rows, mut survived) = (Vec::new(), Vec::new());
-    for (name, ..) in CRATES {
+    for Judged { name, .. } in JUDGED {
+        let (row, survivor) = (format!("| `{name}` |"), format!("- {name}: "));
         if name == outcome.name {
             rows.push(new_row.to_owned());
-            survived.extend(outcome.survived.iter().map(|mutant| format!("- `{mutant}`")));
+            let own = outcome.survived.iter();
+            survived.extend(own.map(|mutant| format!("{survivor}`{mutant}`")));
         } else {
-            let of_crate = |begin: String| {
+            let kept = |begin: String| {
                 let lines = before.lines().filter(move |line| line.starts_with(&begin));
                 lines.map(str::to_owned)
             };
-            rows.extend(of_crate(format!("| `{name}` |")));
-            survived.extend(of_crate(format!("- `{name}/")));
+            rows.extend(kept(row));
+            survived.extend(kept(survivor));
         }
     }
     if survived.is_empty() {
         survived.push("None.".to_owned());
     }
     format!(
-        "<!-- generated by `cargo xtask mutants` -->\n# Mutants\n\n    cargo xtask mutants --shard K/N CRATE\n\n\
-         `cargo-mutants` changes one place at a time; the tests must fail. Shard K/N holds every N-th mutant of a crate from the K-th on, in the \
-         order of the source. Beside the share stands Wilson's interval at 95 %. Unviable ones do not build.\n\n\
-         | crate | shard | measured | mutants | tried | killed | share | unviable |\n|---|---|---|---|---|---|---|---|\n{}\n\n\
+        "<!-- generated by `cargo xtask mutants` -->\n# Mutants\n\n    cargo xtask mutants --shard K/N ROW\n\n\
+         `cargo-mutants` changes one place at a time; the tests must fail. Shard K/N holds every N-th mutant from the K-th on, in the order of the \
+         source; `stm32` is what only the chip runs, judged in QEMU. Beside the share stands Wilson's interval at 95 %. Unviable ones do not build.\n\n\
+         | row | shard | measured | mutants | tried | killed | share | unviable |\n|---|---|---|---|---|---|---|---|\n{}\n\n\
          ## Survivors\n\n{}\n",
         rows.join("\n"),
         survived.join("\n")
@@ -200,14 +242,14 @@ mod tests {
         let row_of_control =
             "| `control` | 0/100 | 2026-01-01 | 1000 | 10 | 9 | 0.900; 0.596 to 0.982 | 2 |";
         assert!(first.contains(row_of_control));
-        assert!(first.contains("- `control/src/cpg.rs:1:1: replace + with -`"));
+        assert!(first.contains("- control: `control/src/cpg.rs:1:1: replace + with -`"));
 
         let protocol = outcome("protocol", "protocol/src/lib.rs:1:1: replace f with ()");
         let second = page(&protocol, &row(&protocol, "1/50", "2026-01-02"), &first);
         assert!(second.contains(row_of_control));
-        assert!(second.contains("- `control/src/cpg.rs:1:1: replace + with -`"));
+        assert!(second.contains("- control: `control/src/cpg.rs:1:1: replace + with -`"));
         assert!(second.contains("| `protocol` | 1/50 | 2026-01-02 |"));
-        assert!(second.contains("- `protocol/src/lib.rs:1:1: replace f with ()`"));
+        assert!(second.contains("- protocol: `protocol/src/lib.rs:1:1: replace f with ()`"));
 
         let again = page(&control, &row(&control, "2/100", "2026-01-03"), &second);
         assert!(!again.contains(row_of_control) && again.contains("| 2/100 | 2026-01-03 |"));
