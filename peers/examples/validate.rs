@@ -1,6 +1,6 @@
 //! The tables of docs/explanation/physics.md: this engine, MuJoCo, ODE and Rapier on the same gaits, and convergence in the step.
 //!
-//! `cargo run --release -p peers --features rapier --example validate [GAITS] [coarse]`; `coarse` leaves out the 0.5 ms runs, which
+//! `cargo run --release -p peers --features rapier --example validate -- [GAITS] [coarse]`; `coarse` leaves out the 0.5 ms runs, which
 //! take most of the time. Needs cc, libode-dev and target/venv with mujoco for the engines that are not Rust.
 #![allow(clippy::print_stdout)]
 

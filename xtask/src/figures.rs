@@ -2,7 +2,7 @@
 //!
 //! What a command prints takes the place of the text between its marks in `docs/validation/README.md`.
 
-use crate::{images, sh};
+use crate::{images, sh, summary};
 use anyhow::Result;
 
 /// The page of all figures.
@@ -14,7 +14,9 @@ enum Short {
     Same,
     /// The command with these arguments.
     By(&'static str),
-    /// The same, where QEMU is there.
+    /// Another command, which does the same for a moment.
+    Instead(&'static str),
+    /// The command with these arguments, where QEMU is there.
     InQemu(&'static str),
     /// Nothing here: why.
     Elsewhere(&'static str),
@@ -80,7 +82,7 @@ const TABLES: &[(&str, &str, Short)] = &[
     (
         "Fuzzing: executions and coverage",
         "xtask fuzz --seconds 60",
-        Short::Elsewhere("it builds for minutes; tests play the corpus"),
+        Short::Instead("run -q -p fuzz -- gait 1"),
     ),
     (
         "Body simulator beside MuJoCo",
@@ -89,17 +91,17 @@ const TABLES: &[(&str, &str, Short)] = &[
     ),
     (
         "Body simulator, MuJoCo, ODE and Rapier on the same gaits",
-        "run --release -q -p peers --features rapier --example validate 50 coarse",
-        Short::Elsewhere("it builds Rapier for minutes; its engines have tests of their own"),
+        "run --release -q -p peers --features rapier --example validate -- 50 coarse",
+        Short::By("1 coarse"),
     ),
 ];
 
-/// Print all tables and write them into the page; each command can also be run alone.
-pub(crate) fn run() -> Result<()> {
+/// Print the tables whose titles hold `words`, all of them without a word, and write them into the page.
+pub(crate) fn run(words: &str) -> Result<()> {
     images::default_image()?;
     let path = sh::root().join(PAGE);
     let date = sh::output("date", &["-I"])?;
-    for (title, command, _) in TABLES {
+    for (title, command, _) in TABLES.iter().filter(|(title, ..)| title.contains(words)) {
         println!("\n## {title}\n\n    cargo {command}\n");
         let arguments: Vec<&str> = command.split(' ').collect();
         let text = sh::tee("cargo", &arguments)?;
@@ -107,6 +109,17 @@ pub(crate) fn run() -> Result<()> {
         let page = std::fs::read_to_string(&path)?;
         std::fs::write(&path, with_figure(&page, title, command, &body))?;
     }
+    summary()
+}
+
+/// Makes the table of the firmware and the wires from the sections as they are, prints it and writes it into the page.
+pub(crate) fn summary() -> Result<()> {
+    let path = sh::root().join(PAGE);
+    let read = |name: &str| std::fs::read_to_string(path.with_file_name(name));
+    let page = std::fs::read_to_string(&path)?;
+    let table = summary::table(&page, &read("planted-faults.md")?, &read("mutants.md")?)?;
+    println!("\n{table}");
+    std::fs::write(&path, summary::put(&page, &table)?)?;
     Ok(())
 }
 
@@ -121,6 +134,7 @@ pub(crate) fn short() -> Result<()> {
                 continue;
             }
             Short::Same => (*command).to_owned(),
+            Short::Instead(other) => (*other).to_owned(),
             Short::InQemu(_) if !qemu => {
                 eprintln!("SKIPPED {title}: no QEMU");
                 continue;
@@ -162,6 +176,9 @@ mod tests {
         let page = std::fs::read_to_string(crate::sh::root().join(PAGE)).unwrap();
         for mark in page.split("<!-- begin: ").skip(1) {
             let title = mark.split(" -->").next().unwrap();
+            if title == "summary" {
+                continue;
+            }
             let command = TABLES.iter().find(|(known, _, _)| *known == title);
             let command = command
                 .unwrap_or_else(|| panic!("no command prints `{title}`"))

@@ -14,6 +14,7 @@ mod sbom;
 mod setup;
 mod sh;
 mod site;
+mod summary;
 mod test;
 mod tick;
 
@@ -23,7 +24,8 @@ const USAGE: &str = "\
 cargo xtask <command>
 
   demo      upload, run and record a gait on the emulated robot, and draw it (needs Rust only)
-  test      set up this machine, then run every check: format, lints, all tests, firmware, QEMU, foreign clients
+  test      set up this machine, then run every check: format, lints, all tests, firmware, QEMU, foreign clients;
+            --long: also planted faults, mutants and all figures (hours; writes docs/validation)
   setup     only the set-up that `test` does: Rust target, QEMU, Python clients, browser, mdBook
   fw        build the firmware image for the STM32L475VG and print its size
   gate      link `control` and `protocol` into a thumb image in which a reachable panic is a link error,
@@ -34,16 +36,18 @@ cargo xtask <command>
   site      the pages as a web site, in target/site with mdBook, links followed
   tick      count the instructions of the 20 Hz law, over all shipped and 200 random gaits, in QEMU
   planted   plant faults one at a time in a copy and print what finds them; [NUMBERS] (half an hour)
-  mutants   [--shard K/N] [CRATE...]: a sample of the mutants of control, protocol and firmware, and what the tests kill
-  figures   print every table that the documentation quotes, from a fresh run (an hour);
-            --short: run each command briefly, as `test` does, and write nothing
+  mutants   [--shard K/N] [ROW...]: a sample of the mutants of control, protocol, firmware and stm32, and what the tests kill
+  figures   [WORDS]: print every table that the documentation quotes, from a fresh run (an hour), or those whose titles
+            hold these words;
+            --short: run each command briefly, as `test` does, and write nothing;
+            --summary: only the table of the firmware and the wires, from the sections as they are
 ";
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let result = match arguments.first().map(String::as_str) {
         Some("demo") => demo::run(),
-        Some("test") => test::run(),
+        Some("test") => test::run(&arguments[1..]),
         Some("setup") => setup::run().map(|report| report.print()),
         Some("fw") => images::default_image(),
         Some("gate") => test::panic_free_gate().and_then(|()| images::all()),
@@ -55,7 +59,10 @@ fn main() -> ExitCode {
         Some("figures") if arguments.get(1).is_some_and(|word| word == "--short") => {
             figures::short()
         }
-        Some("figures") => figures::run(),
+        Some("figures") if arguments.get(1).is_some_and(|word| word == "--summary") => {
+            figures::summary()
+        }
+        Some("figures") => figures::run(&arguments[1..].join(" ")),
         Some("mutants") => mutants::run(&arguments[1..]),
         Some("planted") => planted::run(arguments.get(1..).unwrap_or_default()),
         _ => {
