@@ -3,12 +3,20 @@
 use crate::sh;
 use anyhow::{Result, bail};
 
+/// Licences, sources and bans need no index. Known faults do.
+const CHECKS: [&[&str]; 3] = [
+    &["deny", "check", "licenses", "bans", "sources"],
+    &["deny", "check", "advisories"],
+    &["audit"],
+];
+
 /// `cargo deny check` and `cargo audit`. A tool that is missing and an index that cannot be reached are skipped aloud.
 pub(crate) fn run() -> Result<()> {
-    for (tool, arguments) in [("deny", &["deny", "check"][..]), ("audit", &["audit"])] {
+    for arguments in CHECKS {
+        let (tool, words) = (arguments[0], arguments.join(" "));
         if sh::output("cargo", &[tool, "--version"]).is_err() {
             eprintln!(
-                "SKIPPED  cargo {tool}: not installed (`cargo install cargo-{tool} --locked`)"
+                "SKIPPED  cargo {words}: not installed (`cargo install cargo-{tool} --locked`)"
             );
             continue;
         }
@@ -17,12 +25,13 @@ pub(crate) fn run() -> Result<()> {
         // Words of cargo-deny and cargo-audit for an index that they could not get.
         let unreachable = ["failed to fetch", "couldn't fetch"];
         if output.status.success() {
+            eprintln!("cargo {words}: passed");
             continue;
         }
         if unreachable.iter().any(|words| said.contains(words)) {
-            eprintln!("SKIPPED  cargo {tool}: its index cannot be reached");
+            eprintln!("SKIPPED  cargo {words}: its index cannot be reached");
         } else {
-            bail!("cargo {} failed:\n{said}", arguments.join(" "));
+            bail!("cargo {words} failed:\n{said}");
         }
     }
     Ok(())

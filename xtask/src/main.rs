@@ -31,6 +31,7 @@ cargo xtask <command>
   gate      link `control` and `protocol` into a thumb image in which a reachable panic is a link error,
             link the image of every board and look from where it may panic
   cross     check the host tool for Windows and macOS; parts in C are left out, nothing is linked or run
+  audit     licences, sources and known faults of dependencies, by cargo-deny and cargo-audit where they are installed
   fuzz      [--seconds N] [TARGET...]: every fuzz target, 60 s each when not given (coverage needs nightly and cargo-fuzz)
   release   archives, Debian package, checksums and parts list of this version, in target/dist
   site      the pages as a web site, in target/site with mdBook, links followed
@@ -52,6 +53,7 @@ fn main() -> ExitCode {
         Some("fw") => images::default_image(),
         Some("gate") => test::panic_free_gate().and_then(|()| images::all()),
         Some("cross") => cross::run(),
+        Some("audit") => audit::run(),
         Some("fuzz") => fuzz::run(&arguments[1..]),
         Some("release") => release::run(),
         Some("site") => site::run(),
