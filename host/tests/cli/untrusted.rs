@@ -158,7 +158,7 @@ fn no_file_of_a_data_set_is_a_link_that_leads_out_of_it() {
         let manifest =
             format!("format = 1\nrobot = \"metamodule\"\n[[run]]\nfile = \"{run}\"\n{more}");
         folder.write("set/dataset.toml", &manifest);
-        let done = rb(&folder, &["gap", "report", "set", "--time-limit", "0s"]).expect(3);
+        let done = rb(&folder, &["gap", "report", "set"]).expect(3);
         assert!(done.err.contains(out), "{manifest}: {}", done.err);
         rb(&folder, &["rec", "check", "set"]).expect(8);
     }
