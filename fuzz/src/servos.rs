@@ -27,7 +27,7 @@ const INSTRUCTIONS: [Instruction; 15] = [
 ];
 /// Bits a second that drivers can be set to.
 const BAUDS: [u32; 4] = [57_600, 115_200, 1_000_000, 4_000_000];
-/// Quarter of the time that a driver waits for the rest of a packet and more, ns.
+/// Pause after a packet, ns, one to sixteen times: shorter and longer than drivers wait for the one before them (`server::SKIP_NS`).
 const STEP_NS: u64 = 200_000;
 
 /// Two drivers, each of any profile, hear packets of both framings, noise and the master's own orders; the master hears all that

@@ -9,21 +9,7 @@ import sys
 import time
 
 from dynamixel_sdk import COMM_RX_TIMEOUT, COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
-from dynamixel_checks import (
-    ERR_ACCESS,
-    ERR_LIMIT,
-    GOAL,
-    P_GAIN,
-    POSITION,
-    TORQUE,
-    baud,
-    bulk,
-    check,
-    levels,
-    registered,
-    signed,
-    watchdog,
-)
+from dynamixel_checks import ERR_ACCESS, ERR_LIMIT, GOAL, P_GAIN, POSITION, TORQUE, baud, check, every_servo, signed
 
 IDS = [1, 2, 3, 4, 5, 6]
 TEMPERATURE, PACKED, PACKED_LEN, GOAL_ANGLE, BOOT_COUNT, MOVING_THRESHOLD = 146, 1064, 19, 1024, 1048, 24
@@ -130,10 +116,7 @@ def main():
     errors(packet, port)
     stuffing(packet, port)
     cycles(packet, port, 300)
-    watchdog(packet, port)
-    bulk(packet, port)
-    registered(packet, port)
-    levels(packet, port)
+    every_servo(packet, port)
     factory(packet, port)
     reboot(packet, port)
     baud(packet, port)

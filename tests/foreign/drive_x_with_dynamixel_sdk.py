@@ -8,20 +8,7 @@ import sys
 import time
 
 from dynamixel_sdk import COMM_SUCCESS, GroupSyncRead, GroupSyncWrite, PacketHandler, PortHandler
-from dynamixel_checks import (
-    ERR_ACCESS,
-    ERR_LIMIT,
-    GOAL,
-    POSITION,
-    TORQUE,
-    baud,
-    bulk,
-    check,
-    levels,
-    registered,
-    signed,
-    watchdog,
-)
+from dynamixel_checks import ERR_ACCESS, ERR_LIMIT, GOAL, POSITION, TORQUE, baud, check, every_servo, signed
 
 IDS = [1, 2, 3, 4, 5, 6]
 # Robotis e-manual, control tables of XL330-M288, XC330-T288 and XM430-W350: model number, first byte of the indirect data, current limit.
@@ -114,10 +101,7 @@ def main():
     limits(packet, port)
     indirect(packet, port, data)
     motion(packet, port)
-    bulk(packet, port)
-    registered(packet, port)
-    levels(packet, port)
-    watchdog(packet, port)
+    every_servo(packet, port)
     restart(packet, port, data)
     baud(packet, port)
     port.closePort()

@@ -81,3 +81,11 @@ def baud(packet, port):
     packet.write1ByteTxRx(port, 6, BAUD, 3)
     check(port.setBaudRate(1_000_000), "back to 1 Mbaud")
     check(packet.ping(port, 6)[1] == COMM_SUCCESS, "all together again")
+
+
+def every_servo(packet, port):
+    """What holds of packed and of X servos alike."""
+    watchdog(packet, port)
+    bulk(packet, port)
+    registered(packet, port)
+    levels(packet, port)

@@ -98,10 +98,15 @@ const TABLES: &[(&str, &str, Short)] = &[
 
 /// Print the tables whose titles hold `words`, all of them without a word, and write them into the page.
 pub(crate) fn run(words: &str) -> Result<()> {
+    let chosen = || TABLES.iter().filter(|(title, ..)| title.contains(words));
+    anyhow::ensure!(
+        chosen().next().is_some(),
+        "no table's title holds `{words}`"
+    );
     images::default_image()?;
     let path = sh::root().join(PAGE);
     let date = sh::output("date", &["-I"])?;
-    for (title, command, _) in TABLES.iter().filter(|(title, ..)| title.contains(words)) {
+    for (title, command, _) in chosen() {
         println!("\n## {title}\n\n    cargo {command}\n");
         let arguments: Vec<&str> = command.split(' ').collect();
         let text = sh::tee("cargo", &arguments)?;

@@ -166,7 +166,7 @@ fn stop(page: &str) -> Result<Row> {
     let line = of
         .text
         .lines()
-        .rfind(|l| l.contains("first set-point"))
+        .find(|l| l.contains("115200 baud") && l.contains("first set-point"))
         .context("no times of STOP")?;
     let cell = cells(line);
     let [_, _, _, median, _, high, most] = cell.as_slice() else {
