@@ -191,6 +191,8 @@ pub struct Core {
     pub(crate) telemetry: SampleLog<BLOCKS>,
     /// Samples of this run are kept.
     pub(crate) recording: bool,
+    /// A block of the record may go out before the next instant of the grid.
+    pub(crate) block_due: bool,
     pub(crate) live: Sample,
     pub(crate) timing: Timing,
     pub(crate) out: Outgoing,
@@ -214,7 +216,7 @@ pub struct Core {
     pub(crate) robot_id: u8,
     pub(crate) boot_id: u32,
     /// Seed of the challenges, from the generator and the chip's id; without one no challenge is given and nothing is started.
-    pub(crate) entropy: Option<[u8; 16]>,
+    pub(crate) challenge_seed: Option<[u8; 16]>,
     /// A debug probe can read the flash.
     pub(crate) flash_readable: bool,
     /// Something happened that voids the open challenges of every link.
@@ -240,6 +242,7 @@ impl Core {
             events: EventLog::new(),
             telemetry: SampleLog::new(),
             recording: false,
+            block_due: false,
             live: Sample::ZERO,
             timing: Timing::new(),
             out: Outgoing::new(),
@@ -270,7 +273,7 @@ impl Core {
             board: "",
             robot_id: 1,
             boot_id: 1,
-            entropy: None,
+            challenge_seed: None,
             flash_readable: false,
             void_challenges: false,
             nonces: 0,
@@ -386,11 +389,11 @@ impl Core {
 
     /// Sixteen bytes from the boot's seed and a counter: different every time, not to be foreseen without the seed.
     pub(crate) fn fresh_nonce(&mut self) -> Result<Nonce, Reject> {
-        let entropy = self.entropy.ok_or(Reject::NoEntropy)?;
+        let seed = self.challenge_seed.ok_or(Reject::NoEntropy)?;
         self.nonces = self.nonces.wrapping_add(1);
         let hash = sha2::Sha256::new()
             .chain_update(b"rb nonce")
-            .chain_update(entropy)
+            .chain_update(seed)
             .chain_update(self.nonces.to_le_bytes())
             .finalize();
         let mut nonce = [0; 16];

@@ -3,6 +3,7 @@
 use super::core::{Core, HEARTBEATS, LINK_SILENT_US, LOW_READINGS, STOP_MV};
 use super::motors::{Finding, Motor};
 use super::packets::{FIRST_ID, collect};
+use super::run::Run;
 use super::timing::{STOP_AFTER, Slot};
 use super::types::{BoardInputs, Values};
 use control::motion::{CycleOutput, Planner};
@@ -33,6 +34,7 @@ impl Core {
         }
         if slot == Slot::Control {
             self.counts.cycles = self.counts.cycles.saturating_add(1);
+            self.block_due = false;
             self.events.tick(due_us);
             self.watch_battery();
             self.watch_link();
@@ -197,6 +199,7 @@ impl Core {
         }
         self.out.goals.clear();
         self.plan(fresh);
+        self.pace_record();
         self.note_end();
     }
 
@@ -275,10 +278,10 @@ impl Core {
         let state = self.supervisor.state();
         let on = self.motors.mask(|motor| motor.torque() == Some(true));
         let ready = on == self.motion.machine().all_joints();
-        let busy = self.telemetry.has_unsent();
         let Some(run) = self.run.as_mut() else { return };
         run.age_cycles = run.age_cycles.saturating_add(1);
-        if !run.is_intact(busy) {
+        let checks = run.is_to_check();
+        if checks && !run.is_intact() {
             self.fault_in_motion(Fault::GaitCorrupt);
             return;
         }
@@ -410,6 +413,12 @@ impl Core {
             session.end_due = session.open;
         }
         self.event(EventKind::RunEnded { reason: end.reason });
+    }
+
+    /// In a run the record goes out at its own pace, not at the rate of the line: with a sample a cycle one block every second cycle, and none in a cycle
+    /// that checks the gait.
+    pub(crate) fn pace_record(&mut self) {
+        self.block_due = self.run.as_ref().is_none_or(Run::may_send_block);
     }
 
     /// Takes a sample of what was read in this slot, for the run's record and for live viewers.

@@ -141,6 +141,7 @@ impl App {
         self.master.end(&mut self.core);
         if self.core.timing.slot() == Slot::Reading {
             self.core.take_sample(Slot::Reading);
+            self.core.pace_record();
         }
         if let Some((link, result)) = self.master.take_raw(&mut self.core) {
             self.complete(link, result);
@@ -303,7 +304,8 @@ impl Core {
         }
     }
 
-    /// What goes to a link unasked. The record waits for a host that kept in touch and fell silent.
+    /// What goes to a link unasked. The record waits for a host that kept in touch and fell silent; in a run it goes out at the pace of
+    /// [`Core::pace_record`], so that a host which comes back does not get it at the rate of the line.
     fn next_message(&mut self, link: usize) -> Option<FromModule> {
         let session = self.sessions.get_mut(link).filter(|session| session.open)?;
         if let Some(event) = self.events.since(session.next_event).next() {
@@ -313,11 +315,15 @@ impl Core {
         let recorder = link == self.run_link;
         if recorder
             && !session.silent
+            && (self.block_due || self.run.is_none())
             && let Some(block) = self.telemetry.next_unsent()
         {
+            self.block_due = false;
             return Some(block.clone().into());
         }
+        let comes_first = recorder && !session.silent && self.telemetry.has_unsent();
         if session.end_due
+            && !comes_first
             && let Some(end) = self.run_end
         {
             session.end_due = false;

@@ -230,7 +230,7 @@ impl ModuleHandler for Visitor<'_> {
 
     fn start(&mut self, order: &StartOrder) -> Result<Outcome, Reject> {
         let gait = self.gait(order.slot, order.digest)?;
-        if self.core.entropy.is_none() {
+        if self.core.challenge_seed.is_none() {
             return Err(Reject::NoEntropy);
         }
         if *self.core.motion.machine().contact() == Contact::Unstated {

@@ -60,7 +60,7 @@ impl Core {
         self.cause = facts.cause;
         self.board = facts.board;
         let drawn = facts.entropy.ok();
-        self.entropy = drawn.map(|drawn| seed_of(&drawn, &facts.unique_id));
+        self.challenge_seed = drawn.map(|drawn| seed_of(&drawn, &facts.unique_id));
         self.flash_readable = facts.flash_readable;
         let hash = sha2::Sha256::new().chain_update(facts.unique_id).finalize();
         self.robot_id = hash.first().map_or(1, |byte| byte % 254 + 1);
@@ -88,7 +88,7 @@ impl Core {
         self.warn_of_readable_key();
         // Never refused: nothing else has happened yet.
         let _ = self.supervise(SupervisorEvent::Booted);
-        if self.entropy.is_none() {
+        if self.challenge_seed.is_none() {
             // Shown as a latched fault; clearing it gives no challenge.
             let _ = self.supervise(SupervisorEvent::Fault(Fault::Internal));
         }
