@@ -3,6 +3,8 @@
 //!
 //! As little as the HAL needs, pure: time is an argument. Sources: RM0351 sections 3.7, 5.4, 18.6, 27.4, 36.4.
 
+use crate::wire::RngFault;
+
 /// A block of registers that only remembers what was written: PWR.
 #[derive(Debug)]
 pub(crate) struct RegisterFile {
@@ -333,21 +335,6 @@ const RNG_SEED_ERROR: u32 = (1 << 2) | (1 << 6);
 const RNG_SEIS: u32 = 1 << 6;
 /// Words that a generator gives before its seed fails once.
 const WORDS_BEFORE_SEED_ERROR: u32 = 10;
-
-/// What is wrong with the random number generator.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum RngFault {
-    /// It never has a word ready.
-    Silent,
-    /// An error of its seed that no restart takes away.
-    Seed,
-    /// An error of its seed in mid-sequence, once in every life of the machine, that a restart takes away.
-    SeedOnce,
-    /// Its clock is dead.
-    Clock,
-    /// It gives the same word for ever.
-    Stuck,
-}
 
 /// The random number generator: a fixed sequence that goes on over resets, so that boots differ and runs repeat.
 #[derive(Debug)]

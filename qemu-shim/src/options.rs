@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use crate::blocks::RngFault;
+use crate::wire::RngFault;
 
 /// Instructions are counted from a visit of `begin` to the next visit of one of `ends`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -57,14 +57,9 @@ fn region(value: &str) -> Option<RegionOption> {
 }
 
 fn rng_fault(value: &str) -> Option<RngFault> {
-    match value {
-        "silent" => Some(RngFault::Silent),
-        "seed" => Some(RngFault::Seed),
-        "seed-once" => Some(RngFault::SeedOnce),
-        "clock" => Some(RngFault::Clock),
-        "stuck" => Some(RngFault::Stuck),
-        _ => None,
-    }
+    RngFault::ALL
+        .into_iter()
+        .find(|fault| fault.name() == value)
 }
 
 fn range(value: &str) -> Option<(u64, u64)> {

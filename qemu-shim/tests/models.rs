@@ -6,9 +6,12 @@
 mod blocks;
 #[path = "../src/usart.rs"]
 mod usart;
+#[path = "../../hil-sim/src/board/wire.rs"]
+mod wire;
 
-use blocks::{Adc, Flash, Rng, RngFault, STORE_BYTES, Watchdog};
+use blocks::{Adc, Flash, Rng, STORE_BYTES, Watchdog};
 use usart::{Transmitted, Usart};
+use wire::RngFault;
 
 const CR1: u64 = 0x00;
 const CR3: u64 = 0x08;

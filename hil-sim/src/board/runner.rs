@@ -13,7 +13,9 @@ use thiserror::Error;
 
 use super::elf::Region;
 use super::line::{Line, Passage};
-use super::wire::{Cause, Order, Poke, Port, RegionCount, Report, TimedByte, WIRE_VERSION};
+use super::wire::{
+    Cause, Order, Poke, Port, RegionCount, Report, RngFault, TimedByte, WIRE_VERSION,
+};
 
 /// Guest time of one instruction as QEMU's `-icount shift`: 16 ns, that is 62.5 MIPS or 1.28 cycles each at 80 MHz.
 const ICOUNT_SHIFT: u32 = 4;
@@ -61,34 +63,6 @@ impl BusPeer for EmptyBus {
     fn arrivals(&mut self, _into: &mut Vec<Arrival>) {}
     fn next_event_ns(&self) -> Option<u64> {
         None
-    }
-}
-
-/// What is wrong with the board's random number generator.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RngFault {
-    /// It never has a word ready.
-    Silent,
-    /// An error of its seed that no restart takes away.
-    Seed,
-    /// An error of its seed, once, that a restart takes away.
-    SeedOnce,
-    /// Its clock is dead.
-    Clock,
-    /// It gives the same word for ever.
-    Stuck,
-}
-
-impl RngFault {
-    /// As the plugin's option has it.
-    fn option(self) -> &'static str {
-        match self {
-            Self::Silent => ",rng=silent",
-            Self::Seed => ",rng=seed",
-            Self::SeedOnce => ",rng=seed-once",
-            Self::Clock => ",rng=clock",
-            Self::Stuck => ",rng=stuck",
-        }
     }
 }
 
@@ -234,7 +208,9 @@ fn plugin_option(config: &BoardConfig, socket: &std::path::Path) -> OsString {
     option.push(",socket=");
     option.push(socket);
     option.push(format!(",seed={}", config.seed));
-    option.push(config.rng_fault.map_or("", RngFault::option));
+    if let Some(fault) = config.rng_fault {
+        option.push(format!(",rng={}", fault.name()));
+    }
     for region in &config.regions {
         let ends: Vec<_> = region.ends.iter().map(|end| format!("{end:x}")).collect();
         option.push(format!(",region={:x}:{}", region.begin, ends.join("+")));

@@ -61,6 +61,44 @@ pub struct TimedByte {
     pub damaged: bool,
 }
 
+/// What is wrong with the board's random number generator: an option of the plugin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RngFault {
+    /// It never has a word ready.
+    Silent,
+    /// An error of its seed that no restart takes away.
+    Seed,
+    /// An error of its seed in mid-sequence, once in every life of the machine, that a restart takes away.
+    SeedOnce,
+    /// Its clock is dead.
+    Clock,
+    /// It gives the same word for ever.
+    Stuck,
+}
+
+impl RngFault {
+    /// All of them.
+    pub const ALL: [RngFault; 5] = [
+        RngFault::Silent,
+        RngFault::Seed,
+        RngFault::SeedOnce,
+        RngFault::Clock,
+        RngFault::Stuck,
+    ];
+
+    /// The value of the option `rng`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            RngFault::Silent => "silent",
+            RngFault::Seed => "seed",
+            RngFault::SeedOnce => "seed-once",
+            RngFault::Clock => "clock",
+            RngFault::Stuck => "stuck",
+        }
+    }
+}
+
 /// Instructions counted between two addresses of the image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RegionCount {

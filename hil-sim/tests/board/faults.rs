@@ -4,9 +4,9 @@ use firmware::crash::{BLOCK_BYTES, CrashKind, CrashRecord};
 use hil_sim::board::elf::{Elf, Symbol};
 use hil_sim::board::host::{AskError, BoardHost};
 use hil_sim::board::peer::Motors;
-use hil_sim::board::runner::{BoardConfig, BoardError, BoardRunner, BusPeer, RngFault};
+use hil_sim::board::runner::{BoardConfig, BoardError, BoardRunner, BusPeer};
 use hil_sim::board::tools::Built;
-use hil_sim::board::wire::Port;
+use hil_sim::board::wire::{Port, RngFault};
 use hil_sim::robot::ideal::IdealMotors;
 use protocol::link::{
     EndReason, EventKind, FromModule, Info, ModuleState, PortFault, Reject, RunEnd, SlotInfo, Tag,
