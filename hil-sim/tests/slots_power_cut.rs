@@ -1,7 +1,7 @@
 //! Power cuts at every flash operation of a slot write, in every torn form, with a second and a third cut in recovery.
 //! The record is the old or the new one, what one boot has shown stays, and an acknowledged write is never lost.
 
-use firmware::slots::{SlotError, Slots};
+use firmware::slots::{PAIRS, SlotError, Slots};
 use hil_sim::robot::flash::{Cut, RamFlash, TEARS, Tear};
 
 const PAIR: usize = 3;
@@ -205,6 +205,10 @@ fn limits_are_refused_and_named() {
         slots.write(&mut flash, 99, &[1]),
         Err(SlotError::NoSuchSlot)
     );
+    for pair in [PAIRS, 99] {
+        assert_eq!(slots.erase(&mut flash, pair), Err(SlotError::NoSuchSlot));
+    }
+    assert_eq!(slots.erase(&mut flash, PAIRS - 1), Ok(()));
     assert_eq!(
         slots.write(&mut flash, 0, &[0; 4096]),
         Err(SlotError::TooLong)

@@ -3,7 +3,8 @@
 use crate::common::{gait, ready};
 use hil_sim::robot::host::{AskError, SimHost};
 use hil_sim::robot::{EmulatedRobot, Setup};
-use protocol::link::{FromModule, ModuleState, Reject, Tag, TelemetryRate, ToModule};
+use protocol::bus::Request;
+use protocol::link::{BusStatus, FromModule, ModuleState, Reject, Tag, TelemetryRate, ToModule};
 
 #[test]
 fn after_power_up_the_module_is_unhomed_and_refuses_to_start() {
@@ -95,4 +96,45 @@ fn a_reading_of_before_a_stall_becomes_no_zero() {
     assert_eq!(missing_mask & 1, 1);
     robot.run_until(510_000);
     host.ask(&mut robot, &zero).expect("read again");
+}
+
+#[test]
+fn a_zero_of_no_joint_or_of_one_that_is_not_there_is_refused() {
+    let mut robot = EmulatedRobot::ideal(Setup::default());
+    let mut host = SimHost::new(robot.link());
+    robot.run_for(200_000);
+    host.hello(&mut robot).expect("answers");
+    for joint_mask in [0, 1 << 6, 0b111_1111, 1 << 15] {
+        let tag = Tag::NONE;
+        let refused = host.ask(&mut robot, &ToModule::Zero { joint_mask, tag });
+        let wanted = Err(AskError::Rejected(Reject::JointMask));
+        assert_eq!(refused, wanted, "{joint_mask:b}");
+    }
+}
+
+#[test]
+fn more_than_a_reply_holds_is_said_to_be_too_much() {
+    let mut robot = EmulatedRobot::ideal(Setup::default());
+    let mut host = SimHost::new(robot.link());
+    robot.run_for(200_000);
+    host.hello(&mut robot).expect("answers");
+    // An answer has 11 bytes more than it carries.
+    for (len, status) in [(30, BusStatus::Heard), (60, BusStatus::Overflow)] {
+        let request = Request::sync_read(0, len, &[1, 2, 3, 4, 5, 6]).expect("fits");
+        let order = ToModule::BusRaw {
+            bytes: heapless::Vec::from_slice(request.bytes()).expect("fits"),
+            listen_ms: 100,
+            tag: Tag::NONE,
+        };
+        let answer = host.ask(&mut robot, &order).expect("allowed at rest");
+        let FromModule::BusReply {
+            status: found,
+            bytes,
+        } = answer
+        else {
+            panic!("{answer:?}")
+        };
+        assert_eq!(found, status, "{len} bytes of each of six");
+        assert!(bytes.len() > 200, "{} bytes", bytes.len());
+    }
 }
