@@ -1,7 +1,8 @@
 // SPDX-License-Identifier: GPL-2.0-or-later
-//! Register models of what QEMU 10.0 leaves out of the STM32L475: PWR, FLASH with its last pages, IWDG, ADC1, RNG.
+//! Register models of what QEMU 10.0 leaves out of the STM32L475: PWR, FLASH with its last pages, IWDG, ADC1, RNG, and the cause of
+//! a reset in RCC.
 //!
-//! As little as the HAL needs, pure: time is an argument. Sources: RM0351 sections 3.7, 5.4, 18.6, 27.4, 36.4.
+//! As little as the HAL needs, pure: time is an argument. Sources: RM0351 sections 3.7, 5.4, 6.4.29, 18.6, 27.4, 36.4.
 
 use crate::wire::RngFault;
 
@@ -32,6 +33,60 @@ impl RegisterFile {
     }
 }
 
+const CSR_LSION: u32 = 1 << 0;
+const CSR_LSIRDY: u32 = 1 << 1;
+const CSR_RMVF: u32 = 1 << 23;
+const CSR_PINRSTF: u32 = 1 << 26;
+const CSR_BORRSTF: u32 = 1 << 27;
+const CSR_SFTRSTF: u32 = 1 << 28;
+const CSR_IWDGRSTF: u32 = 1 << 29;
+const CSR_FLAGS: u32 = 0xff << 24;
+/// MSI range after standby: 4 MHz.
+const CSR_RANGE: u32 = 6 << 8;
+
+/// RCC_CSR: what the last resets came from, until software clears it, and the slow oscillator.
+#[derive(Debug)]
+pub(crate) struct ResetFlags {
+    value: u32,
+}
+
+impl ResetFlags {
+    /// As power comes up.
+    pub(crate) fn new() -> Self {
+        ResetFlags {
+            value: CSR_BORRSTF | CSR_PINRSTF | CSR_RANGE,
+        }
+    }
+
+    /// A reset from within pulls the pin too.
+    pub(crate) fn reset(&mut self, by_watchdog: bool) {
+        let cause = if by_watchdog {
+            CSR_IWDGRSTF
+        } else {
+            CSR_SFTRSTF
+        };
+        self.value = self.value & CSR_FLAGS | cause | CSR_PINRSTF | CSR_RANGE;
+    }
+
+    pub(crate) fn read(&self) -> u32 {
+        let ready = if self.value & CSR_LSION == 0 {
+            0
+        } else {
+            CSR_LSIRDY
+        };
+        self.value | ready
+    }
+
+    pub(crate) fn write(&mut self, value: u32) {
+        let flags = if value & CSR_RMVF == 0 {
+            self.value & CSR_FLAGS
+        } else {
+            0
+        };
+        self.value = flags | value & (CSR_LSION | CSR_RANGE);
+    }
+}
+
 /// First byte of the modelled flash pages: the store of the firmware, 20 pages at the end of bank 2.
 pub(crate) const STORE_ADDRESS: u64 = 0x080f_6000;
 /// Length of the modelled flash pages.
@@ -40,10 +95,14 @@ const PAGE_BYTES: usize = 2048;
 /// Page number within bank 2 of the first modelled page.
 const FIRST_PAGE: u32 = 256 - 20;
 
+const FLASH_ACR: u64 = 0x00;
 const FLASH_KEYR: u64 = 0x08;
 const FLASH_SR: u64 = 0x10;
 const FLASH_CR: u64 = 0x14;
 const FLASH_ECCR: u64 = 0x18;
+const FLASH_OPTR: u64 = 0x20;
+/// Option bytes as a chip leaves the factory: no readout protection.
+const OPTR_SHIPPED: u32 = 0xffef_f8aa;
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 const CR_PG: u32 = 1 << 0;
 const CR_PER: u32 = 1 << 1;
@@ -72,7 +131,7 @@ impl Flash {
     /// Erased, locked.
     pub(crate) fn new() -> Self {
         Flash {
-            registers: RegisterFile::new(&[(0x00, 0x0000_0600)]),
+            registers: RegisterFile::new(&[(FLASH_ACR, 0x0000_0600), (FLASH_OPTR, OPTR_SHIPPED)]),
             status: 0,
             control: CR_LOCK,
             eccr: 0,

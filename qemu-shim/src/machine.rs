@@ -10,7 +10,9 @@ use std::io::BufReader;
 use std::os::unix::net::UnixStream;
 use std::sync::{Mutex, PoisonError};
 
-use crate::blocks::{Adc, Flash, RegisterFile, Rng, STORE_ADDRESS, STORE_BYTES, Watchdog};
+use crate::blocks::{
+    Adc, Flash, RegisterFile, ResetFlags, Rng, STORE_ADDRESS, STORE_BYTES, Watchdog,
+};
 use crate::counters;
 use crate::ffi::{self, AccessImpl, AccessValid, MemoryRegionOps, MemoryRegionRoom, TimerRoom};
 use crate::options::Options;
@@ -21,13 +23,14 @@ use crate::wire::{Cause, Order, Port, Report, TimedByte, WIRE_VERSION};
 /// Base address and interrupt number of each port (RM0351 tables 2 and 58): USART2, USART1, UART4.
 const USARTS: [(u64, c_int); 3] = [(0x4000_4400, 38), (0x4001_3800, 37), (0x4000_4c00, 52)];
 /// The other register blocks, in the order of [`Block`]; the last one is the pages of the slot store.
-const BLOCKS: [(u64, u64); 7] = [
+const BLOCKS: [(u64, u64); 8] = [
     (0x4000_7000, 0x400),
     (0x4002_2000, 0x400),
     (0x4000_3000, 0x400),
     (0x5004_0000, 0x400),
     (0x5006_0800, 0x400),
     (0x1fff_7400, 0x400),
+    (0x4002_1094, 4),
     (STORE_ADDRESS, STORE_BYTES as u64),
 ];
 /// Index of the motor bus in [`USARTS`].
@@ -54,6 +57,7 @@ enum Block {
     Adc,
     Rng,
     Identity,
+    ResetFlags,
     Store,
 }
 
@@ -66,6 +70,7 @@ impl Block {
             Block::Adc,
             Block::Rng,
             Block::Identity,
+            Block::ResetFlags,
             Block::Store,
         ];
         match index.checked_sub(USARTS.len()) {
@@ -86,6 +91,9 @@ struct Machine {
     adc: Adc,
     rng: Rng,
     identity: RegisterFile,
+    reset_flags: ResetFlags,
+    powered: bool,
+    bitten: bool,
     interrupts: [*mut c_void; 3],
     levels: [bool; 3],
     stop_line: *mut c_void,
@@ -130,6 +138,9 @@ pub(crate) fn install(options: Options) -> std::io::Result<()> {
         adc: Adc::new(0),
         rng: Rng::new(seed, rng_fault),
         identity: identity(seed),
+        reset_flags: ResetFlags::new(),
+        powered: false,
+        bitten: false,
         interrupts: [std::ptr::null_mut(); 3],
         levels: [false; 3],
         stop_line: std::ptr::null_mut(),
@@ -271,6 +282,7 @@ extern "C" fn timer_fired(_opaque: *mut c_void) {
         if machine.watchdog.bites_at_ns().is_some_and(|at| now >= at) {
             machine.watchdog = Watchdog::new();
             machine.watchdog_bites += 1;
+            machine.bitten = true;
             request_reset();
         }
         if machine.wants_sync(now) {
@@ -288,6 +300,12 @@ extern "C" fn machine_reset(_opaque: *mut c_void) {
     let now = now_ns();
     with_machine(|machine| {
         machine.usarts.iter_mut().for_each(Usart::reset);
+        // The first one is QEMU's own, as power comes up.
+        if std::mem::replace(&mut machine.powered, true) {
+            machine
+                .reset_flags
+                .reset(std::mem::take(&mut machine.bitten));
+        }
         machine.pwr = RegisterFile::new(&PWR_INITIAL);
         machine.flash.reset();
         machine.watchdog = Watchdog::new();
@@ -326,6 +344,7 @@ impl Machine {
             Block::Adc => self.adc.read(offset),
             Block::Rng => self.rng.read(offset),
             Block::Identity => self.identity.read(offset),
+            Block::ResetFlags => self.reset_flags.read(),
             Block::Store => {
                 let (value, unreadable) = self.flash.load(offset, width);
                 if unreadable {
@@ -352,6 +371,7 @@ impl Machine {
             Block::Adc => self.adc.write(offset, value),
             Block::Rng => self.rng.write(offset, value),
             Block::Identity => {}
+            Block::ResetFlags => self.reset_flags.write(value),
             Block::Store => self.flash.store(offset, value, width),
         }
     }

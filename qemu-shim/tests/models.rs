@@ -9,7 +9,7 @@ mod usart;
 #[path = "../../hil-sim/src/board/wire.rs"]
 mod wire;
 
-use blocks::{Adc, Flash, Rng, STORE_BYTES, Watchdog};
+use blocks::{Adc, Flash, ResetFlags, Rng, STORE_BYTES, Watchdog};
 use usart::{Transmitted, Usart};
 use wire::RngFault;
 
@@ -338,4 +338,19 @@ fn a_broken_generator_says_how_or_says_nothing() {
     let mut rng = Rng::new(5, Some(RngFault::Stuck));
     rng.write(RNG_CR, RNGEN);
     assert_eq!((rng.read(RNG_DR), rng.read(RNG_DR)), (5, 5));
+}
+
+/// RM0351 section 6.4.29: flags add up until software removes them, and the slow oscillator is ready at once.
+#[test]
+fn the_cause_of_a_reset_stands_until_it_is_removed() {
+    const RMVF: u32 = 1 << 23;
+    let [pin, brown_out, software, watchdog] = [26, 27, 28, 29].map(|bit| 1_u32 << bit);
+    let mut flags = ResetFlags::new();
+    assert_eq!(flags.read(), 0x0c00_0600, "the reset value");
+    flags.reset(true);
+    assert_eq!(flags.read() & (0xff << 24), pin | brown_out | watchdog);
+    flags.write(flags.read() | RMVF | 1);
+    assert_eq!(flags.read(), 0x0000_0603);
+    flags.reset(false);
+    assert_eq!(flags.read(), pin | software | 0x600);
 }

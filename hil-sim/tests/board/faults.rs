@@ -9,8 +9,8 @@ use hil_sim::board::tools::Built;
 use hil_sim::board::wire::{Port, RngFault};
 use hil_sim::robot::ideal::IdealMotors;
 use protocol::link::{
-    EndReason, EventKind, FromModule, Info, ModuleState, PortFault, Reject, RunEnd, SlotInfo, Tag,
-    ToModule,
+    EndReason, EventKind, FromModule, Info, KEY_LEN, Key, ModuleState, PortFault, Reject,
+    ResetCause, RunEnd, SlotInfo, Tag, ToModule,
 };
 
 use crate::common::{SECOND_NS, board, built, gait, law};
@@ -50,25 +50,32 @@ fn slots<B: BusPeer>(board: &mut BoardRunner<B>, host: &mut BoardHost) -> Vec<Op
     }
 }
 
-/// The receiver errors that the module tells of, in order.
-fn port_errors<B: BusPeer>(
-    board: &mut BoardRunner<B>,
-    host: &mut BoardHost,
-) -> Vec<(u8, PortFault)> {
+/// All that the module tells of, in order.
+fn events<B: BusPeer>(board: &mut BoardRunner<B>, host: &mut BoardHost) -> Vec<EventKind> {
     let (mut found, mut since) = (Vec::new(), 0);
     loop {
         match host.ask(board, &ToModule::GetEvents { since }) {
             Ok(FromModule::Events { next, events, .. }) if !events.is_empty() => {
                 since = next;
-                found.extend(events.iter().filter_map(|event| match event.kind {
-                    EventKind::PortError { port, fault } => Some((port, fault)),
-                    _ => None,
-                }));
+                found.extend(events.iter().map(|event| event.kind));
             }
             Ok(FromModule::Events { .. }) => return found,
             other => panic!("{other:?}"),
         }
     }
+}
+
+/// The receiver errors among them.
+fn port_errors<B: BusPeer>(
+    board: &mut BoardRunner<B>,
+    host: &mut BoardHost,
+) -> Vec<(u8, PortFault)> {
+    let told = events(board, host).into_iter();
+    told.filter_map(|kind| match kind {
+        EventKind::PortError { port, fault } => Some((port, fault)),
+        _ => None,
+    })
+    .collect()
 }
 
 #[test]
@@ -97,11 +104,25 @@ fn a_clock_that_stands_still_brings_the_watchdog_and_a_new_boot_without_motion()
     let (mut board, mut host) = board(&built.config());
     host.home(&mut board).expect("drivers answer");
     let first_boot = hello(&mut board, &mut host);
+    assert_eq!(info(&mut board, &mut host).reset_cause, ResetCause::PowerOn);
+    let tag = Tag::NONE;
+    host.ask(&mut board, &ToModule::Reset { tag })
+        .expect("at rest");
+    board.run_until(board.now_ns() + SECOND_NS).expect("runs");
+    let mut host = BoardHost::new(Port::Wire);
+    let second_boot = hello(&mut board, &mut host);
+    assert_ne!(second_boot, first_boot);
+    assert_eq!(
+        info(&mut board, &mut host).reset_cause,
+        ResetCause::Software
+    );
     board.poke(driver.address, &vec![0; driver.size as usize]);
     board.run_until(board.now_ns() + BITE_NS).expect("runs");
     let mut host = BoardHost::new(Port::Wire);
-    assert_ne!(hello(&mut board, &mut host), first_boot);
-    assert_eq!(info(&mut board, &mut host).state, ModuleState::Unhomed);
+    assert_ne!(hello(&mut board, &mut host), second_boot);
+    let info = info(&mut board, &mut host);
+    let found = (info.state, info.reset_cause);
+    assert_eq!(found, (ModuleState::Unhomed, ResetCause::Watchdog));
     assert_eq!(board.finish().expect("ends").watchdog_bites, 1);
 }
 
@@ -368,4 +389,23 @@ fn a_seed_that_fails_once_costs_a_restart_of_the_generator_and_no_more() {
         other => panic!("{other:?}"),
     }
     assert_ne!(info(&mut board, &mut host).state, ModuleState::Fault);
+}
+
+/// The emulated chip's option bytes are those of a new one: anybody with a probe reads its flash.
+#[test]
+fn a_key_on_a_chip_that_a_probe_can_read_is_told() {
+    let Some(built) = built("readout protection in QEMU") else {
+        return;
+    };
+    let (mut board, mut host) = board(&built.config());
+    hello(&mut board, &mut host);
+    let told = events(&mut board, &mut host);
+    assert!(
+        !told.contains(&EventKind::KeyReadable),
+        "there is no key yet"
+    );
+    let key = Key([5; KEY_LEN]);
+    host.ask(&mut board, &ToModule::SetKey { key })
+        .expect("over the cable");
+    assert!(events(&mut board, &mut host).contains(&EventKind::KeyReadable));
 }
