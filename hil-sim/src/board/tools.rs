@@ -12,6 +12,9 @@ use super::runner::BoardConfig;
 /// Oldest QEMU whose USARTs, plugin API and object layouts this was written for.
 const QEMU_MAJOR: u32 = 10;
 
+/// The chip's instruction set.
+const TARGET: &str = "thumbv7em-none-eabihf";
+
 /// Why a board cannot be run on this machine. The text says what to do.
 #[derive(Debug, Error, PartialEq, Eq)]
 pub enum Unavailable {
@@ -26,6 +29,9 @@ pub enum Unavailable {
         /// What it says of itself.
         found: String,
     },
+    /// The compiler has no library for the chip.
+    #[error("the compiler cannot build for the chip: `rustup target add {TARGET}`")]
+    NoTarget,
     /// A build failed; cargo's own message stands above.
     #[error("cannot build {what}; run `{command}` to see why")]
     Build {
@@ -71,6 +77,18 @@ pub fn find_qemu() -> Result<PathBuf, Unavailable> {
     }
 }
 
+fn find_target(root: &Path) -> Result<(), Unavailable> {
+    let output = Command::new("rustc")
+        .args(["--print", "target-libdir", "--target", TARGET])
+        .current_dir(root)
+        .output();
+    let folder = output.map(|output| String::from_utf8_lossy(&output.stdout).trim().to_owned());
+    match folder {
+        Ok(folder) if Path::new(&folder).is_dir() => Ok(()),
+        _ => Err(Unavailable::NoTarget),
+    }
+}
+
 fn cargo(root: &Path, what: &'static str, arguments: &[&str]) -> Result<(), Unavailable> {
     let program = std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     // The alias and DEFMT_LOG stand in `.cargo/config.toml`, which cargo finds by working directory.
@@ -95,6 +113,7 @@ fn cargo(root: &Path, what: &'static str, arguments: &[&str]) -> Result<(), Unav
 /// All of [`Unavailable`].
 pub fn build(root: &Path) -> Result<Built, Unavailable> {
     let qemu = find_qemu()?;
+    find_target(root)?;
     let target = "target/board";
     cargo(
         root,
@@ -126,13 +145,14 @@ pub fn build(root: &Path) -> Result<Built, Unavailable> {
 /// skipped.
 ///
 /// # Panics
-/// With `CI=true` in the environment nothing may be skipped.
+/// When image or plugin do not build. With `CI=true` in the environment nothing may be skipped.
 #[must_use]
 pub fn built_or_skip(root: &Path, test: &str) -> Option<Built> {
     static BUILT: OnceLock<Result<Built, Unavailable>> = OnceLock::new();
     static SKIPPED: AtomicU32 = AtomicU32::new(0);
     match BUILT.get_or_init(|| build(root)) {
         Ok(built) => Some(built.clone()),
+        Err(why @ Unavailable::Build { .. }) => panic!("{test}: {why}"),
         Err(why) => {
             let ci = std::env::var("CI").is_ok_and(|value| value == "true");
             assert!(!ci, "{test} cannot be skipped in CI: {why}");
