@@ -304,8 +304,8 @@ impl Core {
         }
     }
 
-    /// What goes to a link unasked. The record waits for a host that kept in touch and fell silent; in a run it goes out at the pace of
-    /// [`Core::pace_record`], so that a host which comes back does not get it at the rate of the line.
+    /// What goes to a link unasked. The record waits for a host that kept in touch and fell silent. In a run it goes out at the pace of
+    /// [`Core::pace_record`]: a host that comes back does not get it at the rate of the line.
     fn next_message(&mut self, link: usize) -> Option<FromModule> {
         let session = self.sessions.get_mut(link).filter(|session| session.open)?;
         if let Some(event) = self.events.since(session.next_event).next() {
