@@ -280,8 +280,7 @@ impl Core {
         let ready = on == self.motion.machine().all_joints();
         let Some(run) = self.run.as_mut() else { return };
         run.age_cycles = run.age_cycles.saturating_add(1);
-        let checks = run.is_to_check();
-        if checks && !run.is_intact() {
+        if run.is_to_check() && !run.is_intact() {
             self.fault_in_motion(Fault::GaitCorrupt);
             return;
         }

@@ -321,9 +321,7 @@ impl Core {
             self.block_due = false;
             return Some(block.clone().into());
         }
-        let comes_first = recorder && !session.silent && self.telemetry.has_unsent();
         if session.end_due
-            && !comes_first
             && let Some(end) = self.run_end
         {
             session.end_due = false;

@@ -8,8 +8,10 @@ use protocol::link::{Digest, EndReason, RunEnd, StartOrder, TelemetryRate, WireG
 
 /// Cycles between two checks of the gait in RAM against its fingerprint: one second.
 const CHECK_CYCLES: u32 = 20;
-/// Cycles in which at most one block of the record goes out: to encode and to send one takes 1.5 % of a cycle, `hil-sim`'s example `board_worst`.
+/// Cycles in which at most one block of the record goes out; what a tick then takes prints `hil-sim`'s example `board_worst`.
 const BLOCK_CYCLES: u32 = 2;
+// No block goes out in the cycle of a check.
+const _: () = assert!(CHECK_CYCLES.is_multiple_of(BLOCK_CYCLES));
 
 /// A run.
 pub struct Run {

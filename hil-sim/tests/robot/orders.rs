@@ -6,12 +6,18 @@ use hil_sim::robot::{EmulatedRobot, Setup};
 use protocol::bus::Request;
 use protocol::link::{BusStatus, FromModule, ModuleState, Reject, Tag, TelemetryRate, ToModule};
 
-#[test]
-fn after_power_up_the_module_is_unhomed_and_refuses_to_start() {
+/// Power is up, and the module has said who it is.
+fn powered() -> (EmulatedRobot, SimHost) {
     let mut robot = EmulatedRobot::ideal(Setup::default());
     let mut host = SimHost::new(robot.link());
     robot.run_for(200_000);
     host.hello(&mut robot).expect("answers");
+    (robot, host)
+}
+
+#[test]
+fn after_power_up_the_module_is_unhomed_and_refuses_to_start() {
+    let (mut robot, mut host) = powered();
     let digest = host
         .upload(&mut robot, 0, &gait(0))
         .expect("uploading needs no zero");
@@ -100,10 +106,7 @@ fn a_reading_of_before_a_stall_becomes_no_zero() {
 
 #[test]
 fn a_zero_of_no_joint_or_of_one_that_is_not_there_is_refused() {
-    let mut robot = EmulatedRobot::ideal(Setup::default());
-    let mut host = SimHost::new(robot.link());
-    robot.run_for(200_000);
-    host.hello(&mut robot).expect("answers");
+    let (mut robot, mut host) = powered();
     for joint_mask in [0, 1 << 6, 0b111_1111, 1 << 15] {
         let tag = Tag::NONE;
         let refused = host.ask(&mut robot, &ToModule::Zero { joint_mask, tag });
@@ -114,10 +117,7 @@ fn a_zero_of_no_joint_or_of_one_that_is_not_there_is_refused() {
 
 #[test]
 fn more_than_a_reply_holds_is_said_to_be_too_much() {
-    let mut robot = EmulatedRobot::ideal(Setup::default());
-    let mut host = SimHost::new(robot.link());
-    robot.run_for(200_000);
-    host.hello(&mut robot).expect("answers");
+    let (mut robot, mut host) = powered();
     // An answer has 11 bytes more than it carries.
     for (len, status) in [(30, BusStatus::Heard), (60, BusStatus::Overflow)] {
         let request = Request::sync_read(0, len, &[1, 2, 3, 4, 5, 6]).expect("fits");
