@@ -15,6 +15,7 @@ const HISTORY: usize = 201;
 /// State of one lane's drive.
 pub(crate) struct LaneDrive<'a> {
     trial: &'a Trial,
+    motors: usize,
     cpg: Option<CpgState>,
     /// Next control tick, counted from t = 0.
     tick: u32,
@@ -41,7 +42,9 @@ impl<'a> LaneDrive<'a> {
                 }
                 state = Some(started);
             }
-            Drive::SetPoints { values_rad, .. } | Drive::LinkAngles { values_rad, .. } => {
+            Drive::SetPoints { values_rad, .. }
+            | Drive::LinkAngles { values_rad, .. }
+            | Drive::EncoderAngles { values_rad, .. } => {
                 first[..motors].copy_from_slice(&values_rad[..motors]);
             }
         }
@@ -55,6 +58,7 @@ impl<'a> LaneDrive<'a> {
         let late = trial.params.joints.iter().any(|j| j.command_delay_s > 0.0);
         LaneDrive {
             trial,
+            motors,
             cpg: state,
             tick: 0,
             lead_steps,
@@ -84,7 +88,7 @@ impl<'a> LaneDrive<'a> {
     ) -> bool {
         let h = options.time_step_s;
         let time_s = self.time_s(step, h);
-        let motors = self.trial.params.robot.motors();
+        let motors = self.motors;
         if step < self.lead_steps {
             let lead_s = step as f64 * h;
             for joint in 0..motors {
@@ -98,18 +102,23 @@ impl<'a> LaneDrive<'a> {
         if let Drive::LinkAngles {
             period_s,
             values_rad,
+        }
+        | Drive::EncoderAngles {
+            period_s,
+            values_rad,
         } = &self.trial.drive
         {
-            follow(
-                &self.trial.params.robot,
-                *period_s,
-                values_rad,
-                time_s + h,
-                h,
-                lane,
-                state,
-                command,
-            );
+            let robot = &self.trial.params.robot;
+            let hangs = matches!(self.trial.drive, Drive::EncoderAngles { .. });
+            if step == self.lead_steps {
+                lead(robot, motors, hangs, lane, command);
+            }
+            let from = if hangs { &state.encoder } else { &state.angle };
+            let wanted = at(motors, *period_s, values_rad, time_s + h);
+            for (joint, wanted) in wanted.enumerate() {
+                let body = robot.body_of_joint(joint);
+                command.speed[body].set(lane, (wanted - from[body].get(lane)) / h);
+            }
         }
         let tick_time_s = f64::from(self.tick) / self.tick_rate_hz();
         let ticked = time_s + TICK_GUARD >= tick_time_s;
@@ -162,6 +171,10 @@ impl<'a> LaneDrive<'a> {
             | Drive::LinkAngles {
                 period_s,
                 values_rad,
+            }
+            | Drive::EncoderAngles {
+                period_s,
+                values_rad,
             } => {
                 let last = values_rad.len() / motors - 1;
                 let at = ((time_s / period_s + TICK_GUARD) as usize).min(last);
@@ -203,31 +216,37 @@ impl<'a> LaneDrive<'a> {
     }
 }
 
-/// Speeds that bring the links to the recorded angles at `time_s`, the end of the step.
-#[allow(clippy::too_many_arguments)]
-fn follow<L: Lane>(
+/// The joints follow speeds, the links' or, where links `hang` on their motors, the encoders'.
+fn lead<L: Lane>(
     robot: &crate::robot::Robot,
+    motors: usize,
+    hangs: bool,
+    lane: usize,
+    command: &mut Command<L>,
+) {
+    for body in (0..motors).map(|joint| robot.body_of_joint(joint)) {
+        command.speed_given[body].set(lane, 1.0);
+        command.hangs[body].set(lane, f64::from(u8::from(hangs)));
+        // Whatever it takes: a million times the motor's torque.
+        command.limit_factor[body].set(lane, 1e6);
+    }
+}
+
+/// Recorded angles at `time_s` by joint.
+fn at(
+    motors: usize,
     period_s: f64,
     values_rad: &[f32],
     time_s: f64,
-    h: f64,
-    lane: usize,
-    state: &State<L>,
-    command: &mut Command<L>,
-) {
-    let motors = robot.motors();
+) -> impl Iterator<Item = f64> + '_ {
     let last = values_rad.len() / motors - 1;
     let place = (time_s / period_s).clamp(0.0, last as f64);
     let at = (place as usize).min(last.saturating_sub(1));
     let share = place - at as f64;
-    for joint in 0..motors {
-        let x0 = f64::from(values_rad[at * motors + joint]);
-        let x1 = f64::from(values_rad[(at + 1).min(last) * motors + joint]);
-        let body = robot.body_of_joint(joint);
-        let wanted = x0 + (x1 - x0) * share;
-        command.speed[body].set(lane, (wanted - state.angle[body].get(lane)) / h);
-        command.speed_given[body].set(lane, 1.0);
-        // Whatever it takes: a million times the motor's torque.
-        command.limit_factor[body].set(lane, 1e6);
-    }
+    let row = |i: usize| &values_rad[i * motors..(i + 1) * motors];
+    let pairs = row(at).iter().zip(row((at + 1).min(last)));
+    pairs.map(move |(x0, x1)| {
+        let [x0, x1] = [x0, x1].map(|x| f64::from(*x));
+        x0 + (x1 - x0) * share
+    })
 }

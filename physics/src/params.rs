@@ -311,6 +311,12 @@ fn unsupported(effect: Effect) -> ParamsError {
 }
 
 impl JointParams {
+    /// Whether the link hangs on its motor by a spring or with play.
+    #[must_use]
+    pub fn hangs(&self) -> bool {
+        self.backlash_rad > 0.0 || self.stiffness_nm_rad.is_finite()
+    }
+
     fn nominal(model: &Model, class: JointClass) -> JointParams {
         let keys = match class {
             JointClass::Intra => Motor::Intra.keys(),

@@ -109,6 +109,8 @@ impl Record {
                 angles_rad: Vec::new(),
                 encoders_rad: Vec::new(),
                 torques_nm: Vec::new(),
+                end_angles_rad: Vec::new(),
+                end_speeds_rad_s: Vec::new(),
                 distance_m: 0.0,
                 speed_m_s: 0.0,
                 collided_at_s: None,
@@ -167,7 +169,7 @@ impl Record {
             }
         }
         if end {
-            self.finish(time_s, lane, state);
+            self.finish(robot, time_s, lane, state);
         }
     }
 
@@ -193,7 +195,7 @@ impl Record {
             let time_s = drive.time_s(step, options.time_step_s);
             self.outcome.collided_at_s = Some(time_s);
             if options.stop_on_collision {
-                self.finish(time_s.max(1.0 / CONTROL_RATE_HZ), lane, state);
+                self.finish(robot, time_s.max(1.0 / CONTROL_RATE_HZ), lane, state);
             }
         }
     }
@@ -209,10 +211,16 @@ impl Record {
         }
     }
 
-    fn finish<L: Lane>(&mut self, time_s: f64, lane: usize, state: &State<L>) {
+    fn finish<L: Lane>(&mut self, robot: &Robot, time_s: f64, lane: usize, state: &State<L>) {
         let dx = state.position.x.get(lane) - self.start[0];
         let dy = state.position.y.get(lane) - self.start[1];
         let out = &mut self.outcome;
+        out.end_angles_rad = (0..robot.joints())
+            .map(|joint| state.angle[robot.body_of_joint(joint)].get(lane) as f32)
+            .collect();
+        out.end_speeds_rad_s = (0..robot.joints())
+            .map(|joint| state.speed[robot.body_of_joint(joint)].get(lane) as f32)
+            .collect();
         out.distance_m = (dx * dx + dy * dy).sqrt();
         out.speed_m_s = out.distance_m / time_s;
         out.clearance_m = self.clearance_m.min(state.clearance.get(lane));
@@ -304,8 +312,11 @@ fn initial_state<L: Lane>(robot: &Robot, tree: &Tree, trials: &[&Trial]) -> Stat
                 for (joint, (angle, speed)) in angles_rad.iter().zip(speeds_rad_s).enumerate() {
                     let body = robot.body_of_joint(joint);
                     state.angle[body].set(lane, f64::from(*angle));
-                    state.encoder[body].set(lane, f64::from(*angle));
                     state.speed[body].set(lane, f64::from(*speed));
+                    // A connector has no motor that turned: its spring rests at zero.
+                    if joint < robot.motors() {
+                        state.encoder[body].set(lane, f64::from(*angle));
+                    }
                 }
             }
         }

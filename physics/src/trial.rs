@@ -39,9 +39,9 @@ pub enum Start {
         base: Pose,
         /// Velocity of body 3.
         twist: Twist,
-        /// Link angles in joint order, rad.
+        /// Link angles in joint order, rad; those of the connectors may follow, else they are at rest.
         angles_rad: Vec<f32>,
-        /// Joint speeds in joint order, rad/s.
+        /// Joint speeds in joint order, rad/s; as many.
         speeds_rad_s: Vec<f32>,
     },
 }
@@ -67,6 +67,13 @@ pub enum Drive {
     },
     /// Link angles that the joints follow exactly, whatever torque it takes; linear between samples.
     LinkAngles {
+        /// Time between samples, s.
+        period_s: f64,
+        /// `values[sample * joints + joint]`, rad.
+        values_rad: Arc<[f32]>,
+    },
+    /// The same of the motors' encoders: a link hangs on its motor by the play and the spring of its transmission.
+    EncoderAngles {
         /// Time between samples, s.
         period_s: f64,
         /// `values[sample * joints + joint]`, rad.
@@ -145,6 +152,10 @@ pub struct Outcome {
     pub encoders_rad: Vec<f32>,
     /// Motor torques, N m, as `angles_rad`; empty unless asked for.
     pub torques_nm: Vec<f32>,
+    /// Angles of all joints at the end, connectors last, rad: where another trial may begin.
+    pub end_angles_rad: Vec<f32>,
+    /// Their speeds, rad/s.
+    pub end_speeds_rad_s: Vec<f32>,
     /// Horizontal distance of the base from t = 0 to the end, m.
     pub distance_m: f64,
     /// The same by the duration, m/s.
@@ -257,8 +268,11 @@ impl Trial {
             ..
         } = &self.start
         {
-            count(angles_rad.len())?;
-            count(speeds_rad_s.len())?;
+            let all = self.params.robot.joints();
+            if [angles_rad, speeds_rad_s].map(Vec::len) != [all, all] {
+                count(angles_rad.len())?;
+                count(speeds_rad_s.len())?;
+            }
         }
         match &self.drive {
             Drive::Gait { gait, .. } => count(gait.oscillators().len()),
@@ -267,6 +281,10 @@ impl Trial {
                 values_rad,
             }
             | Drive::LinkAngles {
+                period_s,
+                values_rad,
+            }
+            | Drive::EncoderAngles {
                 period_s,
                 values_rad,
             } => {

@@ -495,3 +495,101 @@ fn any_tree_of_the_kind_runs() {
         assert!((q - expected).abs() < 0.01, "{end:?}");
     }
 }
+
+/// A robot that stands on joints turned from home, encoders led, and rests for two seconds.
+fn standing(model: &Model) -> Trial {
+    let target = [0.0, 0.7, 0.3, -0.6, 0.8, 0.0];
+    let rows = [0.0, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0];
+    let values = rows.iter().flat_map(|share| target.map(|x| share * x));
+    Trial {
+        params: Arc::new(Params::try_from(model).unwrap()),
+        start: Start::HomeAtOnce,
+        drive: Drive::EncoderAngles {
+            period_s: 0.5,
+            values_rad: values.collect(),
+        },
+        duration_s: 3.0,
+    }
+}
+
+fn last(outcome: &Outcome) -> [[f64; 3]; 6] {
+    let at = |all: &[f32], k: usize| f64::from(all[all.len() - 6 + k]);
+    std::array::from_fn(|k| {
+        [
+            &outcome.encoders_rad,
+            &outcome.angles_rad,
+            &outcome.torques_nm,
+        ]
+        .map(|all| at(all, k))
+    })
+}
+
+#[test]
+fn a_link_hangs_on_a_led_encoder_by_its_spring_and_its_play() {
+    let (stiffness, half) = (20.0, 0.03);
+    let springy = run(
+        &[standing(&with(Effect::Compliance, &[stiffness]))],
+        Level::detect(),
+    );
+    let loose = run(
+        &[standing(&with(Effect::Backlash, &[half]))],
+        Level::detect(),
+    );
+    let mut most = 0.0f64;
+    for k in 0..6 {
+        let [encoder, link, torque] = last(&springy[0])[k];
+        assert!(
+            (encoder - link - torque / stiffness).abs() < 2e-3,
+            "{k}: {encoder} {link}"
+        );
+        most = most.max((encoder - link).abs());
+        let [encoder, link, torque] = last(&loose[0])[k];
+        assert!(
+            (encoder - link).abs() < half + 1e-4,
+            "{k}: {encoder} {link}"
+        );
+        if torque.abs() > 0.1 {
+            let side = (encoder - link) * torque.signum();
+            assert!((side - half).abs() < 2e-3, "{k}: {side} under {torque}");
+        }
+    }
+    assert!(most > 0.01, "no spring was bent: {most}");
+}
+
+#[test]
+fn a_trial_that_begins_where_another_ended_stays_there() {
+    let mut model = with(Effect::Compliance, &[20.0]);
+    model
+        .set_effect(Effect::ConnectorCompliance, None, &[30.0])
+        .unwrap();
+    let first = standing(&model);
+    let before = &run(std::slice::from_ref(&first), Level::detect())[0];
+    assert_eq!(before.end_angles_rad.len(), 9, "connectors last");
+    let held: Vec<f32> = last(before)
+        .iter()
+        .map(|[encoder, ..]| *encoder as f32)
+        .collect();
+    let went = |angles: &[f32]| {
+        let trial = Trial {
+            start: Start::State {
+                base: *before.poses.last().unwrap(),
+                twist: Twist::default(),
+                angles_rad: angles.to_vec(),
+                speeds_rad_s: vec![0.0; angles.len()],
+            },
+            drive: Drive::EncoderAngles {
+                period_s: 1.0,
+                values_rad: Arc::from(held.as_slice()),
+            },
+            duration_s: 0.3,
+            ..first.clone()
+        };
+        let out = &run(&[trial], Level::detect())[0];
+        let [from, to] = [before.poses.last(), out.poses.last()].map(|p| p.unwrap().position_m);
+        let square = |k: usize| (f64::from(to[k]) - f64::from(from[k])).powi(2);
+        (0..3).map(square).sum::<f64>().sqrt()
+    };
+    let (bent, straight) = (went(&before.end_angles_rad), went(&held));
+    assert!(bent < 1e-3, "{bent} m");
+    assert!(straight > 5.0 * bent, "{straight} m for {bent} m");
+}

@@ -264,7 +264,8 @@ pub(super) fn servo<L: Lane>(
             let ahead = s.encoder[b] + p.h * target - s.angle[b];
             w.low[b] = (ahead - j.backlash) * p.inv_h;
             w.high[b] = (ahead + j.backlash) * p.inv_h;
-            w.loose[b] = j.loose.gt(zero).and(given.not());
+            let held = given.and(command.hangs[b].gt(zero).not());
+            w.loose[b] = j.loose.gt(zero).and(held.not());
             w.give[b] = j.give * p.inv_h * p.inv_h;
         }
     }

@@ -46,6 +46,8 @@ pub(crate) struct Command<L> {
     pub torque: [L; crate::robot::MAX_BODIES],
     /// One where `speed` replaces the servo law.
     pub speed_given: [L; crate::robot::MAX_BODIES],
+    /// One where the speed is that of the motor and the link hangs on it by its transmission.
+    pub hangs: [L; crate::robot::MAX_BODIES],
     /// Factor on the torque limit: 1 the motor's own, 0 no motor.
     pub limit_factor: [L; crate::robot::MAX_BODIES],
 }
@@ -58,6 +60,7 @@ impl<L: Lane> Command<L> {
             speed: zero,
             torque: zero,
             speed_given: zero,
+            hangs: zero,
             limit_factor: [L::one(); crate::robot::MAX_BODIES],
         }
     }

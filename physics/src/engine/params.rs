@@ -170,13 +170,7 @@ impl<L: Lane> LaneJoint<L> {
             gravity_extra: of(&|j| j.gravity_ratio - 1.0),
             backlash: of(&|j| j.backlash_rad),
             give: of(&|j| 1.0 / j.stiffness_nm_rad),
-            loose: of(&|j| {
-                if j.backlash_rad > 0.0 || j.stiffness_nm_rad.is_finite() {
-                    1.0
-                } else {
-                    0.0
-                }
-            }),
+            loose: of(&|j| f64::from(u8::from(j.hangs()))),
             deadband: of(&|j| j.deadband_rad),
         }
     }
