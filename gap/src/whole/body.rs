@@ -13,7 +13,7 @@ use super::body_library::coordinates;
 use super::data::{Data, JOINTS};
 use super::search::Evaluate;
 use super::windows::{self, LinkMap, PERIOD_S, Window};
-use super::{inertial, nominal, turn};
+use super::{inertial, turn};
 use crate::math;
 pub(super) use contacts::Grip;
 use target::{Target, floor, numbers, sample_index, simulated, spread_by};
@@ -145,13 +145,10 @@ impl Tier {
         let mut all = windows::cut(data, WINDOW_S, WINDOW_S);
         all.retain(|w| data.runs[w.run].base.is_some() && fit.contains(&w.run));
         let thin = (all.len() as f64 * WINDOW_S / FIT_S).ceil().max(1.0) as usize;
-        let mut windows: Vec<Window> = all.into_iter().step_by(thin).collect();
+        let windows: Vec<Window> = all.into_iter().step_by(thin).collect();
         if windows.is_empty() {
             return None;
         }
-        let plain = [LinkMap::default(); JOINTS];
-        windows::replay(data, &mut windows, params, &plain, PERIOD_S);
-        windows::measured(data, &mut windows, nominal::damping_nm_s(model));
         let mut names: Vec<usize> = windows.iter().map(|w| w.gait).collect();
         names.sort_unstable();
         names.dedup();
@@ -410,6 +407,13 @@ impl Tier {
             p.ground_stiffness_n_m = 1.0 / get(B::GroundGive);
             p.ground_damping_n_s_m = get(B::GroundDamping);
         }
+        for (k, j) in p.joints[..JOINTS].iter_mut().enumerate() {
+            let [play, flex] = [PLAY, FLEX].map(|what| theta[of_joint(k, what)]);
+            j.backlash_rad = play.max(0.0);
+            if flex > 0.0 {
+                j.stiffness_nm_rad = 1.0 / flex;
+            }
+        }
         p.com_offset_m = [get(B::ComX), get(B::ComY), get(B::ComZ)];
         p
     }
@@ -419,8 +423,6 @@ impl Tier {
         std::array::from_fn(|k| LinkMap {
             offset_rad: self.maps[k].offset_rad + theta[of_joint(k, OFFSET)],
             ratio: self.maps[k].ratio * theta[of_joint(k, RATIO)],
-            play_rad: theta[of_joint(k, PLAY)],
-            flex: theta[of_joint(k, FLEX)],
         })
     }
 
@@ -432,11 +434,12 @@ impl Tier {
     fn trials_of(&self, theta: &[f64], thin: usize) -> Vec<Trial> {
         let params = Arc::new(self.params(theta));
         let maps = self.links(theta);
-        self.windows
-            .iter()
-            .step_by(thin)
-            .map(|w| w.trial(&params, &maps, &self.order))
-            .collect()
+        windows::trials(
+            self.windows.iter().step_by(thin),
+            &params,
+            &maps,
+            &self.order,
+        )
     }
 
     /// Errors of window `w` in units of their tolerances.

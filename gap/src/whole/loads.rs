@@ -224,7 +224,7 @@ pub(super) fn reading(effect: Effect, key: &'static str, estimate: Estimate, gai
 /// Loads of all joints by run.
 pub(super) fn replay(
     data: &Data,
-    windows: &mut [Window],
+    windows: &[Window],
     (params, maps): (&Arc<Params>, &[LinkMap; JOINTS]),
 ) -> Vec<[Load; JOINTS]> {
     let plain = |nm: [Vec<f64>; JOINTS]| {
@@ -241,7 +241,7 @@ pub(super) fn replay(
 /// weight twice.
 pub(super) fn weighed(
     data: &Data,
-    windows: &mut [Window],
+    windows: &[Window],
     (params, maps): (&Arc<Params>, &[LinkMap; JOINTS]),
 ) -> Vec<[Load; JOINTS]> {
     let mut out = replay(data, windows, (params, maps));

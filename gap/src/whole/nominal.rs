@@ -75,11 +75,6 @@ impl Nominal {
     }
 }
 
-/// Damping of every joint, N m s/rad.
-pub(super) fn damping_nm_s(model: &Model) -> [f64; JOINTS] {
-    MOTORS.map(|keys| model.value(keys.damping))
-}
-
 /// The servo of joint `k` as `model` has it.
 pub(super) fn nominal(model: &Model, k: usize) -> Nominal {
     let MotorKeys {

@@ -131,13 +131,13 @@ impl Task<'_> {
 
     /// Loads on the joints, from the body as it was found to be; the friction of its ground as motion and torques together have it.
     pub(super) fn loads(&self, seen: &mut Seen) -> Loads {
-        let mut windows = windows::cut(&seen.data, 1.0, 0.9);
+        let windows = windows::cut(&seen.data, 1.0, 0.9);
         let mut agreed = None;
         if let Some(mut body) = seen.body.take() {
             if body.changes.is_none() {
                 let coarse = [seen.data.filmed(), seen.conventions.skewed()];
                 let (ratio, read) = friction::settle(&mut body, self.model, coarse, |with| {
-                    let loads = loads::replay(&seen.data, &mut windows.clone(), with);
+                    let loads = loads::replay(&seen.data, &windows, with);
                     (0..JOINTS)
                         .filter_map(|k| self.tier(seen, k, &loads))
                         .filter_map(|tier| joints::moments(&tier, self.model, &seen.conventions))
@@ -157,7 +157,7 @@ impl Task<'_> {
             }
             None => (Arc::clone(&self.params), Default::default()),
         };
-        let by_run = loads::weighed(&seen.data, &mut windows, (&params, &links));
+        let by_run = loads::weighed(&seen.data, &windows, (&params, &links));
         Loads {
             windows,
             agreed,

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use physics::{Drive, Level, Options, Outcome, Params, Pose, Start, Trial, Twist};
+use physics::{Drive, JointParams, Level, Options, Outcome, Params, Pose, Start, Trial, Twist};
 use rayon::prelude::*;
 
 use super::data::{BaseTrack, Data, JOINTS, Run};
@@ -14,6 +14,11 @@ pub(super) const PERIOD_S: f64 = 0.02;
 /// Rate of recorded poses and torques, Hz: one per sample of the angles.
 const RATE_HZ: f64 = 1.0 / PERIOD_S;
 
+/// What comes before a window bends springs and takes up play: so many pieces of so many seconds each, at the beginning
+/// of which the base is put where it was measured.
+const PIECES: usize = 12;
+const PIECE_S: f64 = 3.0 * PERIOD_S;
+
 /// How link angles follow from the recorded ones, per joint.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LinkMap {
@@ -21,10 +26,6 @@ pub(super) struct LinkMap {
     pub(super) offset_rad: f64,
     /// Recorded over true angle.
     pub(super) ratio: f64,
-    /// Half play between recorded and true angle, rad.
-    pub(super) play_rad: f64,
-    /// Twist per torque, rad/(N m).
-    pub(super) flex: f64,
 }
 
 impl Default for LinkMap {
@@ -32,8 +33,6 @@ impl Default for LinkMap {
         Self {
             offset_rad: 0.0,
             ratio: 1.0,
-            play_rad: 0.0,
-            flex: 0.0,
         }
     }
 }
@@ -46,10 +45,10 @@ pub(super) struct Window {
     /// Start in the run's time, s.
     pub(super) from_s: f64,
     start: Option<(Pose, Twist)>,
+    /// What the robot did before, in pieces: where its connector is bent to at the start.
+    before: Vec<Window>,
     /// `angles[sample * 6 + joint]`.
     angles: Vec<f64>,
-    /// Torque on each joint, as `angles`; zeros until a replay has filled it.
-    pub(super) torques: Vec<f64>,
     duration_s: f64,
 }
 
@@ -108,6 +107,22 @@ pub(super) fn angles(run: &Run, from_s: f64, samples: usize) -> Option<Vec<f64>>
     Some(out)
 }
 
+/// One window of a run; `None` where a joint or the base was not measured.
+fn one(run: usize, of: &Run, from_s: f64, duration_s: f64) -> Option<Window> {
+    let samples = (duration_s / PERIOD_S).round() as usize + 1;
+    let start = of.base.as_ref().and_then(|b| base_state(b, from_s));
+    let angles = angles(of, from_s, samples)?;
+    (start.is_some() || of.base.is_none()).then(|| Window {
+        run,
+        gait: of.gait,
+        from_s,
+        start,
+        before: Vec::new(),
+        angles,
+        duration_s,
+    })
+}
+
 /// Windows of `duration_s` every `every_s` over all runs that allow it. Without a base pose one window spans each run, from home.
 pub(super) fn cut(data: &Data, duration_s: f64, every_s: f64) -> Vec<Window> {
     cut_from(data, duration_s, every_s, 0.0)
@@ -117,29 +132,25 @@ pub(super) fn cut(data: &Data, duration_s: f64, every_s: f64) -> Vec<Window> {
 pub(super) fn cut_from(data: &Data, duration_s: f64, every_s: f64, offset_s: f64) -> Vec<Window> {
     let mut out = Vec::new();
     for (r, run) in data.runs.iter().enumerate() {
-        let (duration_s, mut from_s, end) = match &run.base {
+        let (duration_s, first_s, end) = match &run.base {
             Some(b) => (
                 duration_s,
-                b.t_s[0].max(0.0) + 0.05 + offset_s,
+                b.t_s[0].max(0.0) + 0.05,
                 b.t_s[b.t_s.len() - 1].min(run.length_s),
             ),
             None => (run.length_s, 0.0, run.length_s),
         };
-        let samples = (duration_s / PERIOD_S).round() as usize + 1;
+        let mut from_s = first_s + if run.base.is_some() { offset_s } else { 0.0 };
         while from_s + duration_s <= end + 1e-9 {
-            let start = run.base.as_ref().and_then(|b| base_state(b, from_s));
-            if let Some(angles) = angles(run, from_s, samples)
-                && (start.is_some() || run.base.is_none())
-            {
-                out.push(Window {
-                    run: r,
-                    gait: run.gait,
-                    from_s,
-                    start,
-                    torques: vec![0.0; angles.len()],
-                    angles,
-                    duration_s,
-                });
+            if let Some(mut window) = one(r, run, from_s, duration_s) {
+                if run.base.is_some() {
+                    let piece = |i: usize| {
+                        let earlier_s = from_s - (PIECES - i) as f64 * PIECE_S;
+                        one(r, run, earlier_s.max(first_s), PIECE_S)
+                    };
+                    window.before = (0..PIECES).filter_map(piece).collect();
+                }
+                out.push(window);
             }
             from_s += every_s.min(duration_s);
         }
@@ -152,11 +163,8 @@ impl Window {
     fn mapped(&self, maps: &[LinkMap; JOINTS], order: &[usize; JOINTS]) -> Vec<f32> {
         let one = |(i, _): (usize, &f64)| {
             let from = i - i % JOINTS + order[i % JOINTS];
-            let (m, torque) = (&maps[i % JOINTS], self.torques[i]);
-            // Smooth in the load, as the play of the joint model.
-            let side = torque / 0.05;
-            let twist = m.flex * torque + m.play_rad * side / (1.0 + side.abs());
-            ((self.angles[from] - m.offset_rad) / m.ratio - twist) as f32
+            let m = &maps[i % JOINTS];
+            ((self.angles[from] - m.offset_rad) / m.ratio) as f32
         };
         self.angles.iter().enumerate().map(one).collect()
     }
@@ -183,12 +191,73 @@ impl Window {
         Trial {
             params: Arc::clone(params),
             start,
-            drive: Drive::LinkAngles {
-                period_s: PERIOD_S,
-                values_rad: Arc::from(values),
+            drive: if params.joints[..JOINTS].iter().any(JointParams::hangs) {
+                Drive::EncoderAngles {
+                    period_s: PERIOD_S,
+                    values_rad: Arc::from(values),
+                }
+            } else {
+                Drive::LinkAngles {
+                    period_s: PERIOD_S,
+                    values_rad: Arc::from(values),
+                }
             },
             duration_s: self.duration_s,
         }
+    }
+}
+
+/// The windows as trials. What gives or has play starts where the motion before has brought it to: a spring that starts
+/// straight would let the robot sink at once.
+pub(super) fn trials<'a>(
+    windows: impl Iterator<Item = &'a Window> + Clone,
+    params: &Arc<Params>,
+    maps: &[LinkMap; JOINTS],
+    order: &[usize; JOINTS],
+) -> Vec<Trial> {
+    let all = windows.clone().map(|w| w.trial(params, maps, order));
+    let mut out: Vec<Trial> = all.collect();
+    if !params.joints.iter().any(JointParams::hangs) {
+        return out;
+    }
+    for piece in 0..PIECES {
+        let (at, mut before): (Vec<usize>, Vec<Trial>) = windows
+            .clone()
+            .enumerate()
+            .filter_map(|(i, w)| Some((i, w.before.get(piece)?.trial(params, maps, order))))
+            .unzip();
+        for (i, trial) in at.iter().zip(&mut before) {
+            if let (
+                true,
+                Start::State {
+                    angles_rad,
+                    speeds_rad_s,
+                    ..
+                },
+            ) = (piece > 0, &out[*i].start)
+            {
+                bend(&mut trial.start, angles_rad, speeds_rad_s);
+            }
+        }
+        for (i, o) in at.iter().zip(run(&before, &options(false))) {
+            if o.not_finite.is_none() {
+                bend(&mut out[*i].start, &o.end_angles_rad, &o.end_speeds_rad_s);
+            }
+        }
+    }
+    out
+}
+
+/// Joints at a start.
+fn bend(start: &mut Start, angles: &[f32], speeds: &[f32]) {
+    if let Start::State {
+        angles_rad,
+        speeds_rad_s,
+        ..
+    } = start
+    {
+        angles.clone_into(angles_rad);
+        speeds.clone_into(speeds_rad_s);
     }
 }
 
@@ -236,27 +305,23 @@ pub(super) fn run(trials: &[Trial], options: &Options) -> Vec<Outcome> {
     parts.into_iter().flatten().collect()
 }
 
-/// Torque that the body needs on each joint along the measured motion, `[run][joint]` on a grid of `step_s`, smoothed; and the same
-/// stored in `windows`.
+/// Torque that the body needs on each joint along the measured motion, `[run][joint]` on a grid of `step_s`, smoothed.
 pub(super) fn replay(
     data: &Data,
-    windows: &mut [Window],
+    windows: &[Window],
     params: &Arc<Params>,
     maps: &[LinkMap; JOINTS],
     step_s: f64,
 ) -> Vec<[Vec<f64>; JOINTS]> {
     let order = std::array::from_fn(|k| k);
-    let trials: Vec<Trial> = windows
-        .iter()
-        .map(|w| w.trial(params, maps, &order))
-        .collect();
+    let trials = trials(windows.iter(), params, maps, &order);
     let outcomes = run(&trials, &options(true));
     let mut sums: Vec<[Vec<(f64, f64)>; JOINTS]> = data
         .runs
         .iter()
         .map(|r| std::array::from_fn(|_| vec![(0.0, 0.0); (r.length_s / PERIOD_S) as usize + 2]))
         .collect();
-    for (w, o) in windows.iter_mut().zip(&outcomes) {
+    for (w, o) in windows.iter().zip(&outcomes) {
         let n = o.torques_nm.len() / JOINTS;
         // The first samples hold the blow of a state that fits the ground only to within the tracker's noise.
         let skip = if w.start.is_some() { 4 } else { 0 };
@@ -268,9 +333,6 @@ pub(super) fn replay(
                 .collect();
             let smooth = smoothed(&torque, skip);
             for (i, t) in smooth.iter().enumerate() {
-                if let Some(slot) = w.torques.get_mut(i * JOINTS + k) {
-                    *slot = *t;
-                }
                 let at = ((w.from_s / PERIOD_S).round() as usize) + i;
                 if i >= skip
                     && t.is_finite()
@@ -299,31 +361,6 @@ pub(super) fn replay(
         .zip(&sums)
         .map(|(r, s)| std::array::from_fn(|k| spread(&s[k], r.length_s)))
         .collect()
-}
-
-/// Puts measured torques in the place of replayed ones, where there are any: several contacts share a load in ways that no replay
-/// knows. The damping that the nominal joint has is no load of what lies behind it.
-pub(super) fn measured(data: &Data, windows: &mut [Window], damping_nm_s: [f64; JOINTS]) {
-    // Half width of the straight lines, s: one set-point period is averaged.
-    const HALF_S: f64 = 0.051;
-    for w in windows {
-        for (k, j) in data.runs[w.run].joints.iter().enumerate() {
-            let (Some(track), scale) = (match (&j.effort, &j.current) {
-                (Some(t), _) => (Some(t), 1.0),
-                (None, t) => (t.as_ref(), data.motors.nm_per_a[k][0]),
-            }) else {
-                continue;
-            };
-            for i in 0..w.angles.len() / JOINTS {
-                let t = w.from_s + i as f64 * PERIOD_S;
-                let speed = j.position.as_ref().and_then(|p| p.line(t, HALF_S));
-                let damping = damping_nm_s[k] * speed.map_or(0.0, |s| s.1);
-                if let Some((torque, _)) = track.line(t, HALF_S) {
-                    w.torques[i * JOINTS + k] = scale * torque - damping;
-                }
-            }
-        }
-    }
 }
 
 /// Moving average over five samples (100 ms), from `skip` on.

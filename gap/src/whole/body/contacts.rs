@@ -8,7 +8,7 @@
 use std::sync::Arc;
 
 use files::model::{Effect, Key, Model, Parameter};
-use physics::{Params, Robot, Trial};
+use physics::{Params, Robot};
 
 use super::{B, FLOOR, FLOOR_BLIND, Tier, numbers};
 use crate::whole::data::Data;
@@ -151,8 +151,7 @@ impl Tier {
         let maps = self.links(theta);
         let make = |params: Params| {
             let params = Arc::new(params);
-            let of = |w: &windows::Window| w.trial(&params, &maps, &self.order);
-            let trials: Vec<Trial> = self.windows.iter().map(of).collect();
+            let trials = windows::trials(self.windows.iter(), &params, &maps, &self.order);
             let ends = windows::run(&trials, &options);
             let apart = nominal.iter().zip(&ends).map(|(n, o)| numbers(n, o));
             // A window that cannot be played on them says nothing about them.

@@ -78,7 +78,7 @@ impl Loads {
         let windows = windows::cut(data, WINDOW_S, EVERY_S);
         let later = later(data);
         let play = |p: Params, windows: &[windows::Window]| {
-            windows::replay(data, &mut windows.to_vec(), &Arc::new(p), maps, PERIOD_S)
+            windows::replay(data, windows, &Arc::new(p), maps, PERIOD_S)
         };
         let own = Params::clone(params);
         let nominal = play(own.clone(), &windows);
@@ -110,7 +110,7 @@ impl Loads {
         let windows = later(data);
         let play = |theta: &[f64], side: usize| {
             let (params, maps) = (Arc::new(tier.params(theta)), tier.links(theta));
-            windows::replay(data, &mut windows[side].clone(), &params, &maps, PERIOD_S)
+            windows::replay(data, &windows[side], &params, &maps, PERIOD_S)
         };
         let here = [0, 1].map(|side| play(theta, side));
         self.body = moves
