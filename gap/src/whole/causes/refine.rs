@@ -18,6 +18,8 @@ use crate::vocabulary::{Effect, Stage};
 
 /// Most causes.
 const MOST: usize = 8;
+/// Shares of a size that are tried before a fit: neighbours of a played shape stand a factor of three apart.
+const SHARES: [f64; 4] = [0.5, 0.7, 1.4, 2.0];
 /// Most steps of a fit of the body.
 const STEPS: usize = 6;
 
@@ -135,6 +137,27 @@ impl<'a> Passes<'a> {
         };
     }
 
+    /// The coefficients of `start`, each at the share of its own that windows fit best with, one after the other: from far
+    /// away a slope leads astray.
+    fn scaled(&self, tier: &Tier, start: &[(usize, f64)], nominal: &[f64]) -> Vec<(usize, f64)> {
+        let mut best = start.to_vec();
+        let cost = |s: &[(usize, f64)]| tier.thinned(&placed(&self.moves, nominal, s), 1);
+        let mut least = cost(&best);
+        for i in 0..best.len() {
+            let tried = SHARES.map(|share| {
+                let mut other = best.clone();
+                other[i].1 *= share;
+                (cost(&other), other)
+            });
+            for (cost, other) in tried {
+                if cost < least {
+                    (least, best) = (cost, other);
+                }
+            }
+        }
+        best
+    }
+
     /// The body where windows fit best: coefficients of the causes in `start`, and what the model leaves open.
     fn fitted(&self, tier: &Tier, start: &[(usize, f64)]) -> Posed {
         let (moves, own) = (&self.moves, &self.coordinates);
@@ -156,7 +179,8 @@ impl<'a> Passes<'a> {
                 ..Limits::FIT
             },
         };
-        let fit = search.fit(&placed(moves, &nominal, start), &[0], STEPS);
+        let start = self.scaled(tier, start, &nominal);
+        let fit = search.fit(&placed(moves, &nominal, &start), &[0], STEPS);
         let theta = fit.theta;
         let open = |m: &Move| match m.along.as_slice() {
             [(at, _)] => own[*at].sigma > 0.0 && theta[*at] != nominal[*at],

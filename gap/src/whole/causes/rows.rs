@@ -152,17 +152,22 @@ fn number(cause: &Cause, n: usize, p: &Posterior, first: usize) -> (f64, f64) {
     (value, (own.scale * variance.max(0.0).sqrt()).abs())
 }
 
-/// What a key of a column is called in the vocabulary, and the value there: a give is one over a stiffness.
-fn named(key: &'static str, (value, sd): (f64, f64)) -> (&'static str, f64, [f64; 2]) {
-    let ends = [value - 1.96 * sd, value + 1.96 * sd];
-    let inverse = |key| {
-        let stiff = |give: f64| 1.0 / give.max(1e-6);
-        (key, stiff(value), [stiff(ends[1]), stiff(ends[0])])
+/// What a key of a column is called in the vocabulary, and its values there: a give is one over a stiffness.
+fn named(key: &'static str, of: Value) -> (&'static str, Value) {
+    let stiff = |give: f64| 1.0 / give.max(1e-6);
+    let inverse = |of: Value| Value {
+        value: stiff(of.value),
+        ci95: [stiff(of.ci95[1]), stiff(of.ci95[0])],
+        by_joint: of
+            .by_joint
+            .into_iter()
+            .map(|(k, x)| (k, stiff(x)))
+            .collect(),
     };
     match key {
-        "give_rad_nm" => inverse("stiffness_nm_rad"),
-        "give_m_n" => inverse("stiffness_n_m"),
-        _ => (key, value, ends),
+        "give_rad_nm" => ("stiffness_nm_rad", inverse(of)),
+        "give_m_n" => ("stiffness_n_m", inverse(of)),
+        _ => (key, of),
     }
 }
 
@@ -175,15 +180,16 @@ fn values(
     let mut out: BTreeMap<&'static str, Value> = BTreeMap::new();
     let mut count: BTreeMap<&'static str, f64> = BTreeMap::new();
     for (i, own) in cause.numbers.iter().enumerate() {
-        let (key, value, ci95) = named(own.key, number(cause, i, p, first));
-        let slot = out.entry(key).or_insert(Value {
+        let (value, sd) = number(cause, i, p, first);
+        let ci95 = [value - 1.96 * sd, value + 1.96 * sd];
+        let slot = out.entry(own.key).or_insert(Value {
             value: 0.0,
             ci95,
             by_joint: BTreeMap::new(),
         });
         slot.value += value;
         slot.ci95 = [slot.ci95[0].min(ci95[0]), slot.ci95[1].max(ci95[1])];
-        *count.entry(key).or_default() += 1.0;
+        *count.entry(own.key).or_default() += 1.0;
         if let Some(k) = own.joint {
             slot.by_joint.insert(k, value);
         }
@@ -193,6 +199,8 @@ fn values(
             v.value /= n;
         }
     }
+    let mut out: BTreeMap<&'static str, Value> =
+        out.into_iter().map(|(key, of)| named(key, of)).collect();
     polar(
         &mut out,
         ["sine_nm", "cosine_nm"],
