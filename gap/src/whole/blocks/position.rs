@@ -79,22 +79,28 @@ fn spread_rad(grids: &[Grid]) -> f64 {
 
 /// Coarse set-points: the steps that explain most of the errors, by themselves.
 fn steps_rad(grids: &[Grid], base: Law) -> Vec<f64> {
-    let mut scored: Vec<(f64, f64)> = Vec::new();
-    let answer = |g: &Grid, law: &Law| g.compared(&g.simulated(law));
-    let plain: Vec<Vec<f64>> = grids.iter().map(|g| answer(g, &base)).collect();
-    let mut step = FINEST_RAD;
-    while step < COARSEST_RAD {
-        let (mut xy, mut xx) = (0.0, 1e-12);
-        for (g, plain) in grids.iter().zip(&plain) {
-            let x = less(&answer(g, &Law { step, ..base }), plain);
-            for (x, left) in x.iter().zip(less(&g.angles(), plain)) {
-                xy += x * left;
-                xx += x * x;
+    let steps: Vec<f64> = std::iter::successors(Some(FINEST_RAD), |s| Some(s * APART))
+        .take_while(|s| *s < COARSEST_RAD)
+        .collect();
+    let laws: Vec<Law> = std::iter::once(base)
+        .chain(steps.iter().map(|step| Law {
+            step: *step,
+            ..base
+        }))
+        .collect();
+    let mut sums = vec![[0.0, 1e-12]; steps.len()];
+    for g in grids {
+        let all = g.all_compared(&laws);
+        let left = less(&g.angles(), &all[0]);
+        for ([xy, xx], moved) in sums.iter_mut().zip(&all[1..]) {
+            for (x, left) in less(moved, &all[0]).iter().zip(&left) {
+                *xy += x * left;
+                *xx += x * x;
             }
         }
-        scored.push((if xy > 0.0 { xy * xy / xx } else { 0.0 }, step));
-        step *= APART;
     }
+    let score = |[xy, xx]: &[f64; 2]| if *xy > 0.0 { xy * xy / xx } else { 0.0 };
+    let mut scored: Vec<(f64, f64)> = sums.iter().map(score).zip(steps).collect();
     scored.sort_by(|a, b| b.0.total_cmp(&a.0));
     scored.iter().take(KEPT).map(|s| s.1).collect()
 }
@@ -151,6 +157,37 @@ fn shapes(known: &Known, grids: &[Grid]) -> Vec<Shape> {
     all
 }
 
+/// Laws to play, that with all coefficients of `start` first, and for each shape the two between which its slope is
+/// taken with the coefficient between them.
+fn slopes(
+    all: &[Shape],
+    start: &[(usize, f64)],
+    there: Law,
+) -> (Vec<Law>, Vec<(usize, usize, f64)>) {
+    let mut laws = vec![there];
+    let mut place = |law: Law| match laws.iter().position(|l| *l == law) {
+        Some(at) => at,
+        None => {
+            laws.push(law);
+            laws.len() - 1
+        }
+    };
+    let slope = |(c, s): (usize, &Shape)| {
+        // What is in the law already is taken away, so that the errors with and without it are as they are
+        // played; another shape of its effect stands in its place.
+        let within = start.iter().find(|x| x.0 == c && x.1.abs() > 1e-9);
+        let step = within.map_or(s.step, |x| -x.1);
+        let alike = |x: &&(usize, f64)| {
+            all[x.0].column.slack == 0.0 && all[x.0].column.meaning == s.column.meaning
+        };
+        let rivals = start.iter().filter(|x| within.is_none() && alike(x));
+        let from = rivals.fold(there, |law, (c, by)| all[*c].change.on(law, -by));
+        (place(from), place(s.change.on(from, step)), step)
+    };
+    let slopes = all.iter().enumerate().map(slope).collect();
+    (laws, slopes)
+}
+
 /// The block of joint `joint` around the coefficients `start`; `None` without a run that is long enough.
 pub(in crate::whole) fn raw(
     joint: usize,
@@ -169,35 +206,23 @@ pub(in crate::whole) fn raw(
     let there = start
         .iter()
         .fold(base, |law, (c, by)| all[*c].change.on(law, *by));
+    let (laws, slopes) = slopes(&all, start, there);
     let mut segments = Vec::new();
     let lost: Vec<Lost> = grids.iter().map(|g| g.lost(&there)).collect();
     let loses = lost::share(&lost).filter(|_| !heard);
     for (grid, lost) in grids.iter().zip(&lost) {
-        let plain = grid.compared(&grid.simulated(&there));
-        let column = |(c, s): (usize, &Shape)| -> Vec<f64> {
-            // What is in the law already is taken away, so that the errors with and without it are as they are
-            // played; another shape of its effect stands in its place.
-            let within = start.iter().find(|x| x.0 == c && x.1.abs() > 1e-9);
-            let step = within.map_or(s.step, |x| -x.1);
-            let alike = |x: &&(usize, f64)| {
-                all[x.0].column.slack == 0.0 && all[x.0].column.meaning == s.column.meaning
-            };
-            let rivals = start.iter().filter(|x| within.is_none() && alike(x));
-            let from = rivals.fold(there, |law, (c, by)| all[*c].change.on(law, -by));
-            let plain = if from == there {
-                plain.clone()
-            } else {
-                grid.compared(&grid.simulated(&from))
-            };
-            let moved = grid.compared(&grid.simulated(&s.change.on(from, step)));
-            less(&moved, &plain).iter().map(|x| x / step).collect()
+        let played = grid.all_compared(&laws);
+        let plain = &played[0];
+        let column = |(from, to, step): &(usize, usize, f64)| -> Vec<f64> {
+            let change = less(&played[*to], &played[*from]);
+            change.iter().map(|x| x / step).collect()
         };
-        let mut x: Vec<Vec<f64>> = all.iter().enumerate().map(column).collect();
+        let mut x: Vec<Vec<f64>> = slopes.iter().map(column).collect();
         if loses.is_some() {
             let came = grid.compared(&grid.answer(&there, &lost.command));
-            x.push(less(&came, &plain));
+            x.push(less(&came, plain));
         }
-        let mut y = less(&grid.angles(), &plain);
+        let mut y = less(&grid.angles(), plain);
         for (c, by) in start {
             y.iter_mut().zip(&x[*c]).for_each(|(y, x)| *y += by * x);
         }

@@ -1,6 +1,6 @@
 //! Set-points that never came, found one by one: the servo holds the one before.
 
-use super::servo::{Grid, Law, STEP_S};
+use super::servo::{Grid, Law, Loops, STEP_S};
 use crate::whole::data::Track;
 
 /// Shares of lost set-points between which a loss is tried: one in a hundred is a damaged frame now and then.
@@ -79,47 +79,50 @@ impl Grid {
             missed: 0.0,
             sent: 0.0,
         };
-        let (mut past, mut speed) = (vec![self.q[0]], 0.0);
+        let (mut past, mut speed) = (vec![[self.q[0]]], [0.0]);
         let mut held = values[0];
+        let law = &Loops::new([*law]);
         for (i, value) in values.iter().enumerate() {
             let until = starts.get(i + 1).copied().unwrap_or(end).min(end);
             // Two answers from here to the next set-point.
-            let play = |c: f64| {
-                let (mut past, mut speed) = (past.clone(), speed);
+            let from = past.len();
+            let mut play = |c: f64| {
+                let mut speed = speed;
                 while past.len() < until {
-                    let next = self.next(law, c, (&past, &mut speed));
+                    let next = self.next(law, c, &past, &mut speed);
                     past.push(next);
                 }
-                (past, speed)
+                (past.split_off(from), speed)
             };
-            let from = past.len();
             let came = play(*value);
             let stayed = (held != *value && i > 0).then(|| play(held));
             let mut misses = false;
             if let Some(stayed) = &stayed
                 && until > from
             {
-                let level = self.q[from - 1] - past[from - 1];
+                let level = self.q[from - 1] - past[from - 1][0];
                 let square = |of: &dyn Fn(usize) -> f64| {
                     let sum: f64 = (from..until).map(|k| of(k) * of(k)).sum();
                     sum / (until - from) as f64 / (noise * noise)
                 };
-                let off = |own: &[f64]| square(&|k| self.q[k] - own[k] - level);
+                let off = |own: &[[f64; 1]]| square(&|k| self.q[k] - own[k - from][0] - level);
                 // Only a set-point that would have shown counts.
-                if square(&|k| came.0[k] - stayed.0[k]) > 4.0 * LOST {
+                if square(&|k| came.0[k - from][0] - stayed.0[k - from][0]) > 4.0 * LOST {
                     out.sent += 1.0;
                     misses = off(&came.0) - off(&stayed.0) > 2.0 * LOST;
                 }
             }
+            let tail;
             if misses && let Some(stayed) = stayed {
                 out.missed += 1.0;
-                (past, speed) = stayed;
+                (tail, speed) = stayed;
             } else {
                 out.command.t_s.push(times[i]);
                 out.command.v.push(*value);
                 held = *value;
-                (past, speed) = came;
+                (tail, speed) = came;
             }
+            past.extend(tail);
         }
         out
     }

@@ -80,15 +80,97 @@ impl Law {
             lopsided: 0.0,
         }
     }
+}
 
-    fn error(&self, c: f64, q: f64) -> f64 {
-        let mut e = c * self.scale + self.offset - q;
-        if e.abs() < self.hard_band {
-            e = 0.0;
+/// Laws side by side, with what is the same in every step of the grid: one alone leaves the processor waiting for itself.
+pub(super) struct Loops<const N: usize> {
+    laws: [Law; N],
+    /// Steps by which the encoder's answer is late.
+    back: [usize; N],
+    /// Share of the way to the wanted speed that a step takes.
+    blend: [f64; N],
+    scale: [f64; N],
+    offset: [f64; N],
+    drift: [f64; N],
+    bands: [[f64; N]; 2],
+    /// Gain for positive errors and for negative ones.
+    gain: [[f64; N]; 2],
+    most: [f64; N],
+    /// Half a step of the loop's own answer makes the explicit law second order.
+    own: [f64; N],
+    droop: [f64; N],
+}
+
+impl<const N: usize> Loops<N> {
+    pub(super) fn new(laws: [Law; N]) -> Self {
+        let blend = |law: Law| match law.lag_s {
+            lag_s if lag_s > 0.0 => 1.0 - libm::exp(-STEP_S / lag_s),
+            _ => 1.0,
+        };
+        let gain = |law: Law| law.gain * law.ratio;
+        Self {
+            back: laws.map(|l| (l.feedback_delay_s / STEP_S).round() as usize),
+            blend: laws.map(blend),
+            scale: laws.map(|l| l.scale),
+            offset: laws.map(|l| l.offset),
+            drift: laws.map(|l| l.drift),
+            bands: [laws.map(|l| l.hard_band), laws.map(|l| l.soft_band)],
+            gain: [laws.map(|l| (1.0 + l.lopsided) * gain(l)), laws.map(gain)],
+            most: laws.map(|l| l.most * l.share),
+            own: laws.map(|l| 1.0 + 0.5 * gain(l) * STEP_S),
+            droop: laws.map(|l| l.droop),
+            laws,
         }
-        e.signum() * (e.abs() - self.soft_band).max(0.0)
+    }
+
+    /// A set-point as driver `l` takes it.
+    fn taken(&self, l: usize, c: f64) -> f64 {
+        match self.laws[l].step {
+            step if step > 0.0 => (c / step).round() * step,
+            _ => c,
+        }
+    }
+
+    /// The angles after step `i` of those before it, under set-points that were `taken`.
+    fn next(
+        &self,
+        i: usize,
+        taken: &[f64; N],
+        past: &[[f64; N]],
+        load: f64,
+        speed: &mut [f64; N],
+    ) -> [f64; N] {
+        let mut q = past[i];
+        let mut seen = q;
+        for l in 0..N {
+            seen[l] = past[i.saturating_sub(self.back[l])][l];
+        }
+        for l in 0..N {
+            let c = taken[l] + self.drift[l] * i as f64 * STEP_S;
+            let e = c * self.scale[l] + self.offset[l] - seen[l];
+            let size = if e.abs() < self.bands[0][l] {
+                0.0
+            } else {
+                e.abs()
+            };
+            let size = (size - self.bands[1][l]).max(0.0);
+            let (error, gain) = if e > 0.0 {
+                (size, self.gain[0][l])
+            } else {
+                (-size, self.gain[1][l])
+            };
+            let wanted = (gain * error / self.own[l])
+                .min(self.most[l])
+                .max(-self.most[l]);
+            speed[l] += self.blend[l] * (wanted - speed[l]);
+            q[l] += STEP_S * (speed[l] - self.droop[l] * load);
+        }
+        q
     }
 }
+
+/// Laws that are played side by side.
+const LANES: usize = 8;
 
 impl Grid {
     pub(super) fn new(input: &Input<'_>) -> Option<Self> {
@@ -148,45 +230,63 @@ impl Grid {
 
     /// The same to other set-points.
     pub(super) fn answer(&self, law: &Law, command: &Track) -> Vec<f64> {
+        let played = self.side_by_side([*law], command);
+        played.into_iter().map(|[q]| q).collect()
+    }
+
+    /// Compared angles under each of the `laws`.
+    pub(super) fn all_compared(&self, laws: &[Law]) -> Vec<Vec<f64>> {
+        let lanes = |laws: &[Law]| {
+            let of = |l: usize| laws[l.min(laws.len() - 1)];
+            let played = self.side_by_side::<LANES>(std::array::from_fn(of), &self.command);
+            let lane = |l: usize| {
+                let one = |r: &Row| {
+                    let [from, to] = [r.step, r.step + 1].map(|i| played[i][l]);
+                    from + r.share * (to - from)
+                };
+                self.rows.iter().map(one).collect::<Vec<f64>>()
+            };
+            (0..laws.len()).map(lane).collect::<Vec<_>>()
+        };
+        laws.chunks(LANES).flat_map(lanes).collect()
+    }
+
+    fn side_by_side<const N: usize>(&self, laws: [Law; N], command: &Track) -> Vec<[f64; N]> {
         let (times, values) = (&command.t_s, &command.v);
-        let mut cursor = 0;
-        let mut out = Vec::with_capacity(self.q.len());
-        let mut speed = 0.0;
-        let mut q = self.q[0];
-        for i in 0..self.q.len() {
-            let t = (self.from_s + i as f64 * STEP_S) * law.clock - law.delay_s;
-            while cursor + 1 < times.len() && times[cursor + 1] <= t {
-                cursor += 1;
+        let due = |at: usize| times.get(at).copied().unwrap_or(f64::INFINITY);
+        let loops = Loops::new(laws);
+        let mut next = [1; N];
+        let mut due_s = [due(1); N];
+        let mut taken: [f64; N] = std::array::from_fn(|l| loops.taken(l, values[0]));
+        let mut past: Vec<[f64; N]> = Vec::with_capacity(self.q.len());
+        let mut speed = [0.0; N];
+        let mut q = [self.q[0]; N];
+        for (i, load) in self.load.iter().enumerate() {
+            past.push(q);
+            let t = self.from_s + i as f64 * STEP_S;
+            for (l, law) in laws.iter().enumerate() {
+                let t = t * law.clock - law.delay_s;
+                while due_s[l] <= t {
+                    taken[l] = loops.taken(l, values[next[l]]);
+                    next[l] += 1;
+                    due_s[l] = due(next[l]);
+                }
             }
-            out.push(q);
-            q = self.next(law, values[cursor], (&out, &mut speed));
+            q = loops.next(i, &taken, &past, *load, &mut speed);
         }
-        out
+        past
     }
 
     /// The angle a step after the last one of `past`, under the set-point `c`.
-    pub(super) fn next(&self, law: &Law, c: f64, (past, speed): (&[f64], &mut f64)) -> f64 {
-        let h = STEP_S;
+    pub(super) fn next(
+        &self,
+        law: &Loops<1>,
+        c: f64,
+        past: &[[f64; 1]],
+        speed: &mut [f64; 1],
+    ) -> [f64; 1] {
         let i = past.len() - 1;
-        let back = (law.feedback_delay_s / h).round() as usize;
-        let blend = if law.lag_s > 0.0 {
-            1.0 - libm::exp(-h / law.lag_s)
-        } else {
-            1.0
-        };
-        let (gain, most) = (law.gain * law.ratio, law.most * law.share);
-        let c = if law.step > 0.0 {
-            (c / law.step).round() * law.step
-        } else {
-            c
-        };
-        let seen = past[i.saturating_sub(back)];
-        // Half a step of the loop's own answer makes the explicit law second order.
-        let error = law.error(c + law.drift * i as f64 * h, seen);
-        let side = if error > 0.0 { 1.0 + law.lopsided } else { 1.0 };
-        let wanted = side * gain * error / (1.0 + 0.5 * gain * h);
-        *speed += blend * (wanted.clamp(-most, most) - *speed);
-        past[i] + h * (*speed - law.droop * self.load[i])
+        law.next(i, &[law.taken(0, c)], past, self.load[i], speed)
     }
 
     /// Weight of each compared angle: none at the start, at the motor's limit and while a joint comes back from there.
