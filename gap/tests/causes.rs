@@ -47,7 +47,7 @@ fn a_cause_has_its_size_and_the_runs_held_out_come_nearer_by_it() {
         link: true,
         ..Plan::default()
     };
-    let cases: [Planted<'_>; 4] = [
+    let cases: [Planted<'_>; 6] = [
         (
             &bare,
             E::Latency,
@@ -88,6 +88,26 @@ fn a_cause_has_its_size_and_the_runs_held_out_come_nearer_by_it() {
             "link_rmse_rad",
             0.7,
         ),
+        (
+            &plain,
+            E::Backlash,
+            Some(3),
+            0.04,
+            "half_width_rad",
+            0.2,
+            "pose_rmse_m",
+            0.9,
+        ),
+        (
+            &plain,
+            E::ConnectorCompliance,
+            None,
+            60.0,
+            "stiffness_nm_rad",
+            0.2,
+            "pose_rmse_m",
+            0.9,
+        ),
     ];
     for (plan, effect, joint, value, key, within, signal, most) in cases {
         let found = causes(plan, &planted(effect, joint, &[value]));
@@ -95,7 +115,8 @@ fn a_cause_has_its_size_and_the_runs_held_out_come_nearer_by_it() {
             panic!("{effect:?}: {:?}", found.causes);
         };
         assert_eq!(cause.effect, Some(effect.name()));
-        assert_eq!(cause.joints, [usize::from(joint.expect("one"))]);
+        let joints: Vec<usize> = joint.map(usize::from).into_iter().collect();
+        assert_eq!(cause.joints, joints);
         let size = cause.values[key].value;
         assert!((size / value - 1.0).abs() < within, "{effect:?}: {size}");
         let held = &found.held_out;
