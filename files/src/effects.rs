@@ -43,6 +43,20 @@ pub enum Stage {
 }
 
 impl Stage {
+    /// All of them, in the order of the chain.
+    pub const ALL: [Stage; 10] = [
+        Stage::Conventions,
+        Stage::Cpg,
+        Stage::Transport,
+        Stage::Driver,
+        Stage::Electrical,
+        Stage::Supply,
+        Stage::Drivetrain,
+        Stage::Transmission,
+        Stage::Body,
+        Stage::Camera,
+    ];
+
     /// Stages that a joint has.
     pub const JOINT: [Stage; 7] = [
         Stage::Conventions,

@@ -10,6 +10,7 @@
 pub mod block;
 pub mod cause;
 pub mod ensemble;
+pub mod kept;
 pub mod linear;
 pub mod noise;
 pub mod search;

@@ -139,12 +139,23 @@ fn a_robot_without_a_cause_has_none_and_few_of_them_calibrate_nothing() {
     let none = ["gap", "calibrate", "--nulls", ".", "-o", "own.json"];
     let refused = rb(&folder, &none).expect(3);
     assert!(refused.err.contains("no folder in it"), "{}", refused.err);
-    let few = ["gap", "calibrate", "--nulls", "nulls", "-o", "own.json"];
-    let refused = rb(&folder, &few).expect(3);
-    assert!(
-        refused.err.contains("at least 19 robots"),
-        "{}",
-        refused.err
-    );
-    assert!(!folder.path("own.json").exists());
+    let few = ["--nulls", "nulls", "--keep", "kept", "-o", "own.json"];
+    let few = [&["gap", "calibrate"][..], &few].concat();
+    let calibrate = || {
+        let refused = rb(&folder, &few).expect(3);
+        let few = refused.err.contains("at least 19 robots");
+        assert!(few, "{}", refused.err);
+        assert!(!folder.path("own.json").exists());
+        let kept = std::fs::read_dir(folder.path("kept")).unwrap();
+        let files: Vec<_> = kept.map(|f| f.unwrap().path()).collect();
+        let [file] = files.as_slice() else {
+            panic!("{files:?}");
+        };
+        let written = file.metadata().unwrap().modified().unwrap();
+        (file.clone(), written, std::fs::read(file).unwrap())
+    };
+    let first = calibrate();
+    assert_eq!(calibrate(), first, "what is kept is read");
+    std::fs::write(&first.0, "no blocks").unwrap();
+    assert_eq!(calibrate().2, first.2, "what is damaged is made again");
 }

@@ -9,6 +9,7 @@ use files::model::Model;
 use gap::bench;
 use gap::decide::{Calibration, CalibrationError};
 use gap::evidence::block::White;
+use gap::evidence::kept;
 use gap::vocabulary::Effect;
 use gap::whole::{
     Causes, DataSet, Film, HeldOut, Place, Row, calibrated, name_causes, null_blocks,
@@ -50,6 +51,9 @@ pub(super) struct CalibrateArgs {
     /// File for the calibration
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
+    /// Folder for what each robot showed: a calibration that was stopped goes on from there
+    #[arg(long, value_name = "DIR")]
+    keep: Option<PathBuf>,
     /// What they are, for the file's header
     #[arg(long, default_value = "own")]
     source: String,
@@ -246,6 +250,11 @@ fn sets(folder: &Path) -> Outcome<Vec<PathBuf>> {
     Ok(out)
 }
 
+/// The file in `folder` for what a data set shows to this version of the program.
+fn file_of(folder: &Path, sha256: &str) -> PathBuf {
+    folder.join(format!("{}-{sha256}.blocks", env!("CARGO_PKG_VERSION")))
+}
+
 /// What a calibration is made of: joints or robots without a cause.
 #[derive(Default)]
 struct Healthy {
@@ -256,8 +265,8 @@ struct Healthy {
 }
 
 impl Healthy {
-    /// Adds a data set and says of what it is.
-    fn add(&mut self, set: &Path, context: &Context) -> Outcome<Robot> {
+    /// Adds a data set and says of what it is; what a robot showed is kept in the folder `keep`.
+    fn add(&mut self, set: &Path, keep: Option<&Path>, context: &Context) -> Outcome<Robot> {
         let input = input::read(set, context)?;
         let (manifest, recordings) = (&input.manifest, &input.recordings);
         if manifest.robot == Robot::Bench {
@@ -268,7 +277,18 @@ impl Healthy {
             return Ok(manifest.robot);
         }
         let robot = Whole::read(set, &input)?;
-        let blocks = null_blocks(robot.set(&input)).map_err(bad)?;
+        let file = keep.map(|folder| file_of(folder, &input.sha256));
+        let before = file.as_ref().and_then(|f| std::fs::read(f).ok());
+        let before = before.and_then(|bytes| kept::from_bytes(&bytes).ok());
+        let blocks = if let Some(blocks) = before {
+            blocks
+        } else {
+            let blocks = null_blocks(robot.set(&input)).map_err(bad)?;
+            if let Some(file) = &file {
+                disk::write(file, &kept::to_bytes(&blocks))?;
+            }
+            blocks
+        };
         context.out.detail(set.display().to_string());
         self.robots.push(blocks);
         Ok(manifest.robot)
@@ -291,17 +311,21 @@ pub(super) fn calibrate(args: &CalibrateArgs, context: &Context) -> Outcome {
     for folder in &args.nulls {
         all.extend(sets(folder)?);
     }
+    if let Some(folder) = &args.keep {
+        disk::make_folder(folder)?;
+    }
     let bar = context.out.progress(all.len() as u64, "data sets");
-    let _grace = interrupt::grace("stopping: nothing is written");
+    let _grace = interrupt::grace("stopping after this data set");
     let (mut healthy, mut kinds) = (Healthy::default(), Vec::new());
     for set in &all {
         if interrupt::pressed() {
-            return Err(Failure::say(
-                Exit::Interrupted,
-                "stopped; nothing was written",
-            ));
+            let stopped = Failure::say(Exit::Interrupted, "stopped; no calibration was written");
+            return Err(match &args.keep {
+                Some(_) => stopped.hint("the same command goes on where this one ended"),
+                None => stopped.hint("with `--keep DIR` it would go on where it ended"),
+            });
         }
-        let robot = healthy.add(set, context)?;
+        let robot = healthy.add(set, args.keep.as_deref(), context)?;
         kinds.push(robot);
         if kinds.iter().any(|k| *k != robot) {
             return Err(Failure::say(
