@@ -45,7 +45,7 @@ pub(super) struct Window {
     /// Start in the run's time, s.
     pub(super) from_s: f64,
     start: Option<(Pose, Twist)>,
-    /// What the robot did before, in pieces: where its connector is bent to at the start.
+    /// What the robot did before, in pieces: it bends what hangs at the start.
     before: Vec<Window>,
     /// `angles[sample * 6 + joint]`.
     angles: Vec<f64>,
@@ -220,6 +220,7 @@ pub(super) fn trials<'a>(
     if !params.joints.iter().any(JointParams::hangs) {
         return out;
     }
+    let mut bent: Vec<Option<Bent>> = out.iter().map(|_| None).collect();
     for piece in 0..PIECES {
         let (at, mut before): (Vec<usize>, Vec<Trial>) = windows
             .clone()
@@ -227,37 +228,61 @@ pub(super) fn trials<'a>(
             .filter_map(|(i, w)| Some((i, w.before.get(piece)?.trial(params, maps, order))))
             .unzip();
         for (i, trial) in at.iter().zip(&mut before) {
-            if let (
-                true,
-                Start::State {
-                    angles_rad,
-                    speeds_rad_s,
-                    ..
-                },
-            ) = (piece > 0, &out[*i].start)
-            {
-                bend(&mut trial.start, angles_rad, speeds_rad_s);
-            }
+            bend(trial, bent[*i].as_ref());
         }
-        for (i, o) in at.iter().zip(run(&before, &options(false))) {
-            if o.not_finite.is_none() {
-                bend(&mut out[*i].start, &o.end_angles_rad, &o.end_speeds_rad_s);
-            }
+        let ends = run(&before, &options(false));
+        for ((i, trial), end) in at.into_iter().zip(&before).zip(&ends) {
+            bent[i] = Bent::at_the_end(trial, end);
         }
+    }
+    for (trial, bent) in out.iter_mut().zip(&bent) {
+        bend(trial, bent.as_ref());
     }
     out
 }
 
-/// Joints at a start.
-fn bend(start: &mut Start, angles: &[f32], speeds: &[f32]) {
-    if let Start::State {
-        angles_rad,
-        speeds_rad_s,
-        ..
-    } = start
-    {
-        angles.clone_into(angles_rad);
-        speeds.clone_into(speeds_rad_s);
+/// What hangs, by joint, connectors last: how far it stands off the angle that leads it, rad, and its speed, rad/s.
+/// Nothing for a joint that is rigid.
+struct Bent(Vec<Option<[f32; 2]>>);
+
+impl Bent {
+    /// At the end of a trial; `None` where that broke down.
+    fn at_the_end(trial: &Trial, end: &Outcome) -> Option<Self> {
+        let led: &[f32] = match &trial.drive {
+            Drive::EncoderAngles { values_rad, .. } => &values_rad[values_rad.len() - JOINTS..],
+            _ => &[],
+        };
+        let one = |(k, (angle, speed)): (usize, (&f32, &f32))| {
+            let led = led.get(k).copied().unwrap_or(0.0);
+            let hangs = trial.params.joints[k].hangs();
+            hangs.then_some([angle - led, *speed])
+        };
+        let joints = end.end_angles_rad.iter().zip(&end.end_speeds_rad_s);
+        let all = Self(joints.enumerate().map(one).collect());
+        end.not_finite.is_none().then_some(all)
+    }
+}
+
+/// Bends what hangs at the start of a trial.
+fn bend(trial: &mut Trial, bent: Option<&Bent>) {
+    let (
+        Some(Bent(all)),
+        Start::State {
+            angles_rad,
+            speeds_rad_s,
+            ..
+        },
+    ) = (bent, &mut trial.start)
+    else {
+        return;
+    };
+    angles_rad.resize(all.len(), 0.0);
+    speeds_rad_s.resize(all.len(), 0.0);
+    for (k, bent) in all.iter().enumerate() {
+        if let Some([off, speed]) = bent {
+            angles_rad[k] += off;
+            speeds_rad_s[k] = *speed;
+        }
     }
 }
 
