@@ -285,17 +285,6 @@ fn conventions(y: &[f64], sent: &[f64]) -> f64 {
     ((n * my * my + xy * xy / xx) / yy).clamp(0.0, 1.0)
 }
 
-/// Stages in the order of a run's list of energies.
-const STAGES: [Stage; 7] = [
-    Stage::Conventions,
-    Stage::Transport,
-    Stage::Driver,
-    Stage::Electrical,
-    Stage::Supply,
-    Stage::Drivetrain,
-    Stage::Transmission,
-];
-
 /// Rows at which a new set-point is in force. Duty is already the new one there, current and motion still the old ones.
 fn edges(applied: &[f64]) -> Vec<bool> {
     let new = |i: usize| i > 0 && applied[i] != applied[i - 1];
@@ -357,7 +346,7 @@ fn energies(problem: &Problem, runs: &[usize], model: &Params, independent: f64)
     let swing = |r: &usize| swings(&problem.runs[*r], problem.dt_s, SWING * problem.range);
     let swinging = runs.iter().any(swing);
     let mut out = [0.0; 7];
-    let place = |s: Stage| STAGES.iter().position(|x| *x == s).unwrap_or(0);
+    let place = |s: Stage| Stage::JOINT.iter().position(|x| *x == s).unwrap_or(0);
     for (k, (stage, first)) in all[0].iter().enumerate() {
         let rest: Vec<&[f64]> = all.iter().map(|a| a[k].1.as_slice()).collect();
         let found = match (swinging, repeated) {
@@ -439,7 +428,7 @@ pub fn shares(
     let row = |k: usize| {
         let column: Vec<f64> = draws.iter().map(|d| of(d, k)).collect();
         Share {
-            stage: Some(STAGES[k]),
+            stage: Some(Stage::JOINT[k]),
             share: of(&every, k),
             ci95: [
                 math::quantile(&column, 0.025),

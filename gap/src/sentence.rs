@@ -138,19 +138,7 @@ pub(crate) struct Spot {
 
 /// The stage of a place; `None` is what stays.
 pub(crate) fn stage(name: &str) -> Option<Stage> {
-    const ALL: [Stage; 10] = [
-        Stage::Conventions,
-        Stage::Cpg,
-        Stage::Transport,
-        Stage::Driver,
-        Stage::Electrical,
-        Stage::Supply,
-        Stage::Drivetrain,
-        Stage::Transmission,
-        Stage::Body,
-        Stage::Camera,
-    ];
-    ALL.into_iter().find(|s| s.name() == name)
+    Stage::ALL.into_iter().find(|s| s.name() == name)
 }
 
 /// All places, the largest first; a cause has one even where its share rounds to nothing.

@@ -15,7 +15,8 @@ pub(super) const PERIOD_S: f64 = 0.02;
 const RATE_HZ: f64 = 1.0 / PERIOD_S;
 
 /// What comes before a window bends springs and takes up play: so many pieces of so many seconds each, at the beginning
-/// of which the base is put where it was measured.
+/// of which the base is put where it was measured. Of ten choices compared by the cost at the true size on two development
+/// robots (emulator, seed 7, 16 and 30): the longer, the better, and 0.7 s is what plays take time for.
 const PIECES: usize = 12;
 const PIECE_S: f64 = 3.0 * PERIOD_S;
 
