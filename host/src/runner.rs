@@ -357,7 +357,10 @@ impl Run<'_> {
                 ));
                 self.record(|r| r.event(&row))?;
             }
-            FromModule::RunEnd(end) => return Ok(Some(end)),
+            // Another number: the end of a run before this one.
+            FromModule::RunEnd(end) if self.module_run.is_none_or(|run| run == end.run) => {
+                return Ok(Some(end));
+            }
             _ => {}
         }
         Ok(None)

@@ -265,10 +265,11 @@ impl ModuleHandler for Visitor<'_> {
             lease_us: order.lease_ms.map(|ms| u64::from(ms).saturating_mul(1_000)),
         }))?;
         self.core.runs = self.core.runs.wrapping_add(1);
+        // A host would take the end of the run before for that of this one, now or when it is back from silence.
+        self.core.run_end = None;
         for session in &mut self.core.sessions {
             session.beats = 0;
             session.silent = false;
-            // A host would take the end of the run before for that of this one.
             session.end_due = false;
         }
         let joints = self.core.motors.joints();

@@ -338,6 +338,32 @@ fn a_host_that_falls_silent_is_noted_and_the_run_goes_on() {
     assert_eq!(samples(&host.blocks).len() as u32, end.samples);
 }
 
+/// The host took the end of the run before for that of this one, and its record for whole.
+#[test]
+fn a_host_back_from_silence_in_a_run_is_not_sent_the_end_of_the_run_before() {
+    let (mut robot, mut host, digest) = ready(1);
+    host.start(&mut robot, 0, digest, 1_000, TelemetryRate::Cycle)
+        .expect("ready");
+    assert!(host.wait_for_end(&mut robot, 20_000_000).is_some());
+    host.ends.clear();
+    host.start(&mut robot, 0, digest, 12_000, TelemetryRate::Cycle)
+        .expect("ready again");
+    for _ in 0..6 {
+        robot.run_for(500_000);
+        host.ask(&mut robot, &ToModule::Ping { host_t_us: 5 })
+            .expect("in touch");
+    }
+    robot.run_for(4_000_000);
+    host.ask(&mut robot, &ToModule::Ping { host_t_us: 6 })
+        .expect("back");
+    robot.run_for(500_000);
+    host.receive(None);
+    assert!(host.saw(|kind| matches!(kind, EventKind::LinkBack)));
+    assert!(host.ends.is_empty(), "{:?}", host.ends);
+    let end = host.wait_for_end(&mut robot, 30_000_000).expect("its end");
+    assert_eq!((end.run, end.cycles), (2, 240));
+}
+
 /// Bytes of a host come at every phase of the cycle, also while the drivers are read. They change no set-point, no sample's time and no length of a run.
 #[test]
 fn a_busy_link_moves_neither_the_samples_nor_the_end_of_a_run() {
