@@ -277,14 +277,16 @@ fn asked<T>(
     let manifest = set.manifest;
     let model = &manifest.stated(set.model);
     let params = Arc::new(Params::try_from(model)?);
-    let data = Arc::new(Data::new(manifest, set.recordings, model));
+    let mut data = Data::new(manifest, set.recordings, model);
+    film::track(&mut data, set.films, manifest, model, &params);
+    let data = Arc::new(data);
     let split = split(&data);
     if split.fit.is_empty() {
         return Err(WholeError::Nothing);
     }
     let mut conventions = conventions::find(&data);
     let mut direct = Vec::new();
-    echo::read(&data, &mut conventions, withhold, &mut direct);
+    echo::read(&data, &mut conventions, &[], &mut direct);
     let mut tier = body::Tier::new(&data, model, &params, &split.fit);
     let camera = camera::Tier::new(&data, manifest, model, set.films, &split.fit);
     let block = |tier| blocks::camera::block(tier, &camera::coordinates(manifest, model));

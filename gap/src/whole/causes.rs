@@ -20,7 +20,7 @@ use super::body;
 use super::conventions::Conventions;
 use super::data::{Data, JOINTS, Track};
 use super::direct::Reading;
-use super::nominal::{Nominal, inter, nominal};
+use super::nominal::{inter, nominal};
 use super::windows::{LinkMap, PERIOD_S};
 use crate::decide::{Calibration, Shown};
 use crate::evidence::block::{Block, Column, Meaning, Raw, White};
@@ -39,15 +39,6 @@ use windings::{effort, signals};
 
 /// Order of the autoregression that whitens: 0.12 s of angles, 0.24 s of torques.
 const ORDER: usize = 6;
-/// A motor at its limit: quantile of the torque that counts as the top, and the level below it down to which a limit is
-/// looked for, as a share of the top. Noise lies above a limit.
-const TOP: f64 = 0.995;
-const LOWEST: f64 = 0.8;
-/// Width of a level, as a share of the top. How many times as often a motor is at its limit as at the second level
-/// below, and the share of the time that it is there at least.
-const LEVEL: f64 = 0.06;
-const STEEP: f64 = 3.0;
-const OFTEN: f64 = 0.01;
 /// Share of the limit from which a motor counts as at it.
 const AT_LIMIT: f64 = 0.95;
 /// Slope of angle over set-point below which a joint turns the other way.
@@ -67,24 +58,6 @@ fn groups() -> Vec<Group> {
         of(Scope::Module, &[0, 1, 2]),
         of(Scope::Module, &[3, 4, 5]),
     ]
-}
-
-/// The level at which torques stay, where they stay at one near the top.
-fn plateau(torques_nm: &[f64]) -> Option<f64> {
-    let top = crate::math::quantile(torques_nm, TOP);
-    let half = 0.5 * LEVEL * top;
-    let at = |level: f64| {
-        torques_nm
-            .iter()
-            .filter(move |x| (**x - level).abs() <= half)
-    };
-    let levels = (0..=10).map(|i| top * (1.0 - (1.0 - LOWEST) * f64::from(i) / 10.0));
-    let limit = levels.max_by_key(|l| at(*l).count())?;
-    let near = at(limit).count() as f64;
-    // One level lies between: noise reaches as far.
-    let below = at(limit - 4.0 * half).count() as f64;
-    let stays = near > STEEP * below && near > OFTEN * torques_nm.len() as f64;
-    stays.then(|| at(limit).sum::<f64>() / near)
 }
 
 /// What is asked.
@@ -107,18 +80,9 @@ pub(super) struct Asked<'a> {
 }
 
 impl Asked<'_> {
-    /// Torque from which a motor counts as at its limit, and the limit where the torque shows one.
-    fn limit_nm(&self, k: usize, servo: &Nominal) -> (f64, Option<f64>) {
-        let all: Vec<f64> = self
-            .runs
-            .iter()
-            .filter_map(|r| effort(&self.data.runs[*r], k, &self.motor(k)))
-            .flat_map(|e| e.v.into_iter().map(f64::abs))
-            .collect();
-        match plateau(&all) {
-            Some(limit) => (AT_LIMIT * limit, Some(limit)),
-            None => (AT_LIMIT * servo.max_torque_nm, None),
-        }
+    /// Whether the pose of the base was recorded.
+    fn tracked(&self) -> bool {
+        self.data.runs.iter().any(|r| r.base.is_some())
     }
 
     fn position(&self, k: usize, loads: &Loads, start: &[(usize, f64)]) -> Option<White> {
@@ -143,7 +107,7 @@ impl Asked<'_> {
         } else {
             Key::IntraSpeed
         });
-        let (limit_nm, _) = self.limit_nm(k, &servo);
+        let limit_nm = AT_LIMIT * servo.max_torque_nm;
         let efforts: Vec<Option<Track>> = self
             .runs
             .iter()
@@ -190,6 +154,7 @@ impl Asked<'_> {
             applied,
             echoed: echo.late_s.is_some() || applied,
             row_s: inputs.first().map_or(0.02, |i| i.position.period_s()),
+            loaded: borne.iter().all(Option::is_some) || self.tracked(),
         };
         then(&inputs, &known)
     }
@@ -209,13 +174,12 @@ impl Asked<'_> {
             .iter()
             .map(|r| signals(&self.data.runs[*r], k))
             .collect();
-        let tracked = self.data.runs.iter().any(|r| r.base.is_some());
         let mass = Column::linear(Effect::Mass, "ratio", 1.0, 0.4).of_robot();
         let told = |h: &electrical::Signals<'_>| h.effort.is_some() || h.current.is_some();
         let known = torque::Known {
             damping_nm_s: servo.damping_nm_s_rad,
             tolerance_nm_s: servo.damping_tolerance_nm_s_rad,
-            blind: !tracked,
+            blind: !self.tracked(),
             coarse: !heard.iter().flatten().all(told),
             sense,
             body: std::iter::once(mass)
@@ -282,20 +246,6 @@ impl Asked<'_> {
         let read = |r: &Reading| reading(r, neutral(r.key));
         let all = self.direct.iter().chain(&self.films.1);
         let mut out: Vec<White> = all.map(read).collect();
-        for k in 0..JOINTS {
-            let servo = nominal(self.model, k);
-            let (_, plateau) = self.limit_nm(k, &servo);
-            if let Some(nm) = plateau.filter(|nm| *nm < servo.at_limit_nm()[0]) {
-                let read = Reading {
-                    effect: Effect::TorqueLimit,
-                    joint: Some(k),
-                    key: "limit_nm",
-                    estimate: super::direct::exact(nm, (1.0 - AT_LIMIT) * nm),
-                    gain: 0.0,
-                };
-                out.push(reading(&read, servo.max_torque_nm));
-            }
-        }
         if self.conventions.mixed() {
             let number = super::answer::permutation(&self.conventions.order);
             out.push(sure(Effect::JointOrder, None, ("permutation", number)));
@@ -305,11 +255,12 @@ impl Asked<'_> {
                 out.push(sure(Effect::JointSign, Some(k), ("sign", -1.0)));
             }
         }
-        out.retain(|b| {
-            let effect =
-                |c: &Column| matches!(c.meaning, Meaning::Effect(e) if self.withhold.contains(&e));
-            !b.columns.iter().any(effect)
-        });
+        for column in out.iter_mut().flat_map(|b| &mut b.columns) {
+            if matches!(column.meaning, Meaning::Effect(e) if self.withhold.contains(&e)) {
+                // What it shows is there, whatever its name.
+                column.meaning = Meaning::Open;
+            }
+        }
         out
     }
 
@@ -529,24 +480,5 @@ impl Explained {
             (c.effect, c.joints.clone(), c.fixed.clone())
         };
         self.found.best.members.iter().map(one).collect()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::math::Rng;
-
-    #[test]
-    fn a_limit_is_found_below_its_noise_and_nowhere_else() {
-        let mut rng = Rng::new(4);
-        let asked: Vec<f64> = (0..4000).map(|_| (0.5 * rng.normal()).abs()).collect();
-        assert_eq!(plateau(&asked), None);
-        let limited = asked
-            .iter()
-            .map(|x| x.min(0.5) * (1.0 + 0.03 * rng.normal()));
-        let limited: Vec<f64> = limited.collect();
-        let found = plateau(&limited).expect("a limit");
-        assert!((found - 0.5).abs() < 0.02, "{found}");
     }
 }

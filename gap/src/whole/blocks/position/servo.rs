@@ -8,6 +8,12 @@ use crate::whole::nominal::Nominal;
 pub(super) const STEP_S: f64 = 0.002;
 /// Time between compared angles, at most, where rows come as often, s.
 const HORIZON_S: f64 = 0.04;
+/// Inertia that a motor at its limit still has to turn, kg m2: the load holds that of the body. Half a robot about a joint has 0.02.
+const INERTIA_KG_M2: f64 = 0.01;
+/// Change of the load per angle off the measured path, N m/rad, which holds a motor at its limit on that path, where torques were measured and
+/// where they were replayed: gravity alone gives 2 (half the robot on a lever of 0.15 m), and a replayed load is wrong by some tenths of a newton
+/// metre.
+const SURROUNDINGS_NM_RAD: [f64; 2] = [3.0, 10.0];
 /// Fewest compared angles of a run: 4 s.
 const LEAST_ROWS: usize = 100;
 
@@ -23,7 +29,8 @@ struct Row {
 pub(super) struct Grid {
     /// Encoder between its rows, and load.
     pub(super) q: Vec<f64>,
-    load: Vec<f64>,
+    pub(super) load: Vec<f64>,
+    surroundings_nm_rad: f64,
     /// Whether the motor is at its limit.
     limited: Vec<bool>,
     /// Angles are compared where they were measured: between rows a joint turns a corner at every set-point.
@@ -52,6 +59,8 @@ pub(in crate::whole) struct Law {
     pub(super) feedback_delay_s: f64,
     pub(super) lag_s: f64,
     pub(super) droop: f64,
+    /// Largest torque, N m.
+    pub(super) torque_nm: f64,
     /// Drift of the zero, rad/s.
     pub(super) drift: f64,
     /// Gain for positive errors over that for negative ones, less one.
@@ -76,6 +85,7 @@ impl Law {
             feedback_delay_s: 0.0,
             lag_s: 0.0,
             droop: 0.0,
+            torque_nm: f64::INFINITY,
             drift: 0.0,
             lopsided: 0.0,
         }
@@ -99,6 +109,40 @@ pub(super) struct Loops<const N: usize> {
     /// Half a step of the loop's own answer makes the explicit law second order.
     own: [f64; N],
     droop: [f64; N],
+    torque_nm: [f64; N],
+    /// Whether any of them has a limit of its torque.
+    limited: bool,
+}
+
+/// A joint over one step of the grid, as it was measured.
+#[derive(Clone, Copy)]
+struct Measured {
+    angle: f64,
+    speed: f64,
+    load: f64,
+    surroundings_nm_rad: f64,
+}
+
+impl Measured {
+    /// The speed `wanted` of a joint that is at `q` with the speed `before`, as far as a torque of `most` allows.
+    fn held(self, wanted: f64, before: f64, q: f64, most: f64) -> f64 {
+        let off = q - self.angle;
+        let k = self.surroundings_nm_rad;
+        let needed = self.load + k * off;
+        let m = INERTIA_KG_M2 / STEP_S;
+        let aperiodic = 2.0 * (k * INERTIA_KG_M2).sqrt();
+        let within = |torque: f64| {
+            let push = m * (before - self.speed) + torque - needed;
+            self.speed + push / (m + aperiodic + k * STEP_S)
+        };
+        if needed > most {
+            wanted.min(within(most))
+        } else if needed < -most {
+            wanted.max(within(-most))
+        } else {
+            wanted
+        }
+    }
 }
 
 impl<const N: usize> Loops<N> {
@@ -119,6 +163,8 @@ impl<const N: usize> Loops<N> {
             most: laws.map(|l| l.most * l.share),
             own: laws.map(|l| 1.0 + 0.5 * gain(l) * STEP_S),
             droop: laws.map(|l| l.droop),
+            torque_nm: laws.map(|l| l.torque_nm),
+            limited: laws.iter().any(|l| l.torque_nm.is_finite()),
             laws,
         }
     }
@@ -137,11 +183,12 @@ impl<const N: usize> Loops<N> {
         i: usize,
         taken: &[f64; N],
         past: &[[f64; N]],
-        load: f64,
+        there: Measured,
         speed: &mut [f64; N],
     ) -> [f64; N] {
         let mut q = past[i];
         let mut seen = q;
+        let before = *speed;
         for l in 0..N {
             seen[l] = past[i.saturating_sub(self.back[l])][l];
         }
@@ -163,7 +210,14 @@ impl<const N: usize> Loops<N> {
                 .min(self.most[l])
                 .max(-self.most[l]);
             speed[l] += self.blend[l] * (wanted - speed[l]);
-            q[l] += STEP_S * (speed[l] - self.droop[l] * load);
+        }
+        if self.limited {
+            for l in 0..N {
+                speed[l] = there.held(speed[l], before[l], q[l], self.torque_nm[l]);
+            }
+        }
+        for l in 0..N {
+            q[l] += STEP_S * (speed[l] - self.droop[l] * there.load);
         }
         q
     }
@@ -205,6 +259,7 @@ impl Grid {
         Some(Self {
             q: (0..n).map(|i| q.at(at(i))).collect(),
             load: (0..n).map(load).collect(),
+            surroundings_nm_rad: SURROUNDINGS_NM_RAD[usize::from(input.limit.is_none())],
             limited: (0..n).map(limited).collect(),
             rows,
             command: input.command.clone(),
@@ -261,7 +316,7 @@ impl Grid {
         let mut past: Vec<[f64; N]> = Vec::with_capacity(self.q.len());
         let mut speed = [0.0; N];
         let mut q = [self.q[0]; N];
-        for (i, load) in self.load.iter().enumerate() {
+        for i in 0..self.q.len() {
             past.push(q);
             let t = self.from_s + i as f64 * STEP_S;
             for (l, law) in laws.iter().enumerate() {
@@ -272,9 +327,21 @@ impl Grid {
                     due_s[l] = due(next[l]);
                 }
             }
-            q = loops.next(i, &taken, &past, *load, &mut speed);
+            q = loops.next(i, &taken, &past, self.measured(i), &mut speed);
         }
         past
+    }
+
+    /// The joint over step `i`.
+    fn measured(&self, i: usize) -> Measured {
+        let angle = self.q[i];
+        let next = self.q.get(i + 1).copied().unwrap_or(angle);
+        Measured {
+            angle,
+            speed: (next - angle) / STEP_S,
+            load: self.load[i],
+            surroundings_nm_rad: self.surroundings_nm_rad,
+        }
     }
 
     /// The angle a step after the last one of `past`, under the set-point `c`.
@@ -286,7 +353,7 @@ impl Grid {
         speed: &mut [f64; 1],
     ) -> [f64; 1] {
         let i = past.len() - 1;
-        law.next(i, &[law.taken(0, c)], past, self.load[i], speed)
+        law.next(i, &[law.taken(0, c)], past, self.measured(i), speed)
     }
 
     /// Weight of each compared angle: none at the start, at the motor's limit and while a joint comes back from there.

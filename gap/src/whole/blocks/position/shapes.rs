@@ -9,6 +9,8 @@ use crate::vocabulary::Effect;
 const DELAYS_S: [f64; 10] = [
     0.006, 0.01, 0.015, 0.022, 0.032, 0.045, 0.065, 0.095, 0.14, 0.2,
 ];
+/// What drivers of one bus take a set-point apart by, s: an exchange of six at 1 Mbaud and their loops of 1 ms.
+const BUS_S: f64 = 0.0015;
 /// Time constants that are played, s.
 const LAGS_S: [f64; 8] = [0.008, 0.014, 0.024, 0.04, 0.065, 0.11, 0.18, 0.3];
 /// Half widths of dead bands that are played, rad.
@@ -17,6 +19,12 @@ const BANDS_RAD: [f64; 9] = [0.002, 0.0035, 0.006, 0.01, 0.017, 0.03, 0.05, 0.08
 const SPEEDS_RAD_S: [f64; 21] = [
     0.06, 0.072, 0.086, 0.104, 0.124, 0.149, 0.179, 0.215, 0.258, 0.31, 0.37, 0.45, 0.53, 0.64,
     0.77, 0.92, 1.11, 1.33, 1.6, 1.92, 2.3,
+];
+
+/// Torque limits that are played, N m; a factor of 1.2 apart.
+const TORQUES_NM: [f64; 23] = [
+    0.08, 0.096, 0.115, 0.138, 0.166, 0.2, 0.24, 0.29, 0.34, 0.41, 0.5, 0.6, 0.71, 0.86, 1.03,
+    1.23, 1.48, 1.78, 2.13, 2.56, 3.1, 3.7, 4.4,
 ];
 
 /// Numbers of the shapes that no effect has: of the servo's own, not of the drivetrain's.
@@ -39,6 +47,8 @@ pub(super) enum Change {
     Lag(f64),
     /// Speed limit, as a share of the nominal one that is lost.
     Limit(f64),
+    /// Torque limit: the nominal one, and what is lost of it, N m.
+    Torque(f64, f64),
     Drift,
     Lopsided,
 }
@@ -63,6 +73,9 @@ impl Change {
             Self::Drift => law.drift += by,
             Self::Lopsided => law.lopsided += by,
             Self::Limit(size) => law.share = (law.share - size * by).max(0.01),
+            Self::Torque(from, lost) => {
+                law.torque_nm = (law.torque_nm.min(from) - lost * by).max(0.01 * from);
+            }
         }
         law
     }
@@ -83,10 +96,12 @@ pub(super) fn shape(column: Column, change: Change, step: f64) -> Shape {
     }
 }
 
-pub(super) fn shapes(known: &Known) -> Vec<Shape> {
+/// What may be different, where loads of at most `load_nm` are known.
+pub(super) fn shapes(known: &Known, load_nm: f64) -> Vec<Shape> {
     let mut out = conventions(known);
     transport(known, &mut out);
     driver(known, &mut out);
+    torque(known, load_nm, &mut out);
     out
 }
 
@@ -111,7 +126,7 @@ fn conventions(known: &Known) -> Vec<Shape> {
         ),
         // Which of its own ticks a driver answers in, and when a row is taken.
         shape(
-            Column::nuisance(0.5 * known.row_s.max(0.004)),
+            Column::nuisance(BUS_S).with_shared_slack("ticks", 0.5 * known.row_s.max(0.004)),
             Change::FeedbackDelay(1.0),
             0.01,
         ),
@@ -131,9 +146,10 @@ fn conventions(known: &Known) -> Vec<Shape> {
 }
 
 fn transport(known: &Known, out: &mut Vec<Shape>) {
-    // A set-point acts at some time between two rows.
+    // A set-point acts at some time between two rows: of all joints about the same, a bus later in each.
     let slack = 0.6 * known.row_s.max(0.002);
-    out.push(shape(Column::nuisance(slack), Change::Delay(1.0), 0.004));
+    let column = Column::nuisance(BUS_S).with_shared_slack("rows", slack);
+    out.push(shape(column, Change::Delay(1.0), 0.004));
     if known.applied {
         return;
     }
@@ -178,5 +194,19 @@ fn driver(known: &Known, out: &mut Vec<Shape>) {
             ..Column::played(Effect::VelocityLimit, "limit_rad_s", most, limit, i)
         };
         out.push(shape(column, Change::Limit(1.0 - limit / most), 1.0));
+    }
+}
+
+/// A motor that gives less than the loads ask for. Within its tolerances a limit is no effect.
+fn torque(known: &Known, load_nm: f64, out: &mut Vec<Shape>) {
+    let [least, _] = known.nominal.at_limit_nm();
+    let from = known.nominal.max_torque_nm;
+    let limits = TORQUES_NM.into_iter().enumerate();
+    for (i, nm) in limits.filter(|s| s.1 < least.min(load_nm)) {
+        let column = Column {
+            prior: [1.0, 0.1],
+            ..Column::played(Effect::TorqueLimit, "limit_nm", from, nm, i)
+        };
+        out.push(shape(column, Change::Torque(from, from - nm), 1.0));
     }
 }
