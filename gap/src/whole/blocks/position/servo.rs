@@ -10,9 +10,8 @@ pub(super) const STEP_S: f64 = 0.002;
 const HORIZON_S: f64 = 0.04;
 /// Inertia that a motor at its limit still has to turn, kg m2: the load holds that of the body. Half a robot about a joint has 0.02.
 const INERTIA_KG_M2: f64 = 0.01;
-/// Change of the load per angle off the measured path, N m/rad, which holds a motor at its limit on that path, where torques were measured and
-/// where they were replayed: gravity alone gives 2 (half the robot on a lever of 0.15 m), and a replayed load is wrong by some tenths of a newton
-/// metre.
+/// Change of the load per angle off the measured path, N m/rad: where torques were measured and where they were replayed. It holds a motor at its
+/// limit on that path. Gravity alone gives 2 (half the robot on a lever of 0.15 m); a replayed load is wrong by some tenths of a newton metre.
 const SURROUNDINGS_NM_RAD: [f64; 2] = [3.0, 10.0];
 /// Fewest compared angles of a run: 4 s.
 const LEAST_ROWS: usize = 100;
