@@ -1,9 +1,8 @@
-//! Off-the-shelf Dynamixel and Feetech clients drive the emulated motors over a pseudo-terminal, and a foreign client of the host link the emulated robot.
+//! Off-the-shelf Dynamixel and Feetech clients drive the emulated motors over a pseudo-terminal.
 
-use std::io::{BufRead, BufReader};
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Output};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -100,48 +99,6 @@ fn makers_sdks_for_python_drive_the_servos() {
             passes(command);
         });
     }
-}
-
-/// A client of the host link that was written from `docs/reference/protocol.md` alone, in plain Python, against `rb-host emulate robot --tcp`.
-#[test]
-fn a_client_written_from_the_page_alone_runs_the_robot() {
-    let name = "a_client_written_from_the_page_alone_runs_the_robot";
-    if let Err(why) = Command::new("python3").arg("--version").output() {
-        return skip(name, &format!("python3: {why}"));
-    }
-    let build = Command::new(env!("CARGO"))
-        .args(["build", "--quiet", "--package", "host", "--bin", "rb-host"])
-        .current_dir(root())
-        .status()
-        .unwrap();
-    assert!(build.success(), "rb-host does not build");
-    let mut robot = Command::new(target_dir().join("debug/rb-host"))
-        .args([
-            "emulate",
-            "robot",
-            "--tcp",
-            "127.0.0.1:0",
-            "--json",
-            "--quiet",
-        ])
-        .stdout(Stdio::piped())
-        .stdin(Stdio::null())
-        .spawn()
-        .unwrap();
-    let mut line = String::new();
-    BufReader::new(robot.stdout.take().unwrap())
-        .read_line(&mut line)
-        .unwrap();
-    let ready: serde_json::Value = serde_json::from_str(&line).unwrap();
-    let address = ready["address"].as_str().unwrap();
-    let mut command = Command::new("python3");
-    command
-        .arg(root().join("tests/foreign/link_client.py"))
-        .arg(address.trim_start_matches("tcp://"));
-    let output = command.output();
-    robot.kill().unwrap();
-    robot.wait().unwrap();
-    judge(&output.unwrap());
 }
 
 /// `rustypot` brings 62 crates: it lives in a package of its own that only this test builds.

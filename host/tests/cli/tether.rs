@@ -2,14 +2,14 @@
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpListener;
-use std::process::{Child, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 use protocol::link::{
     Decoder, FromModule, Header, Hello, MAX_FRAME, ModuleState, Tag, ToModule, VERSION, encode,
 };
 
-use crate::rig::{Emulator, Folder, command, gait, rb};
+use crate::rig::{Emulator, Folder, command, finish, gait, rb, skip};
 
 fn state(folder: &Folder, uri: &str) -> String {
     let info = rb(folder, &["-p", uri, "info", "--json"]).expect(0).json();
@@ -81,6 +81,23 @@ fn a_robot_stops_when_its_host_is_killed_unless_it_is_autonomous() {
     std::thread::sleep(std::time::Duration::from_secs(3));
     assert_eq!(state(&folder, &uri), "run", "it needs no host");
     rb(&folder, &["-p", &uri, "stop"]).expect(0);
+}
+
+/// `tests/foreign/link_client.py` was written from the page of the two wires, not from our code.
+#[test]
+fn a_client_written_from_the_page_alone_runs_the_robot() {
+    let name = "a_client_written_from_the_page_alone_runs_the_robot";
+    if let Err(why) = Command::new("python3").arg("--version").output() {
+        return skip(name, &format!("python3: {why}"));
+    }
+    let robot = Emulator::start(&Folder::new("page-client"));
+    let client = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../tests/foreign/link_client.py"
+    );
+    let mut command = Command::new("python3");
+    let done = finish(command.args([client, &robot.address]).output().unwrap()).expect(0);
+    assert!(done.out.contains("ALL CHECKS PASSED"), "{}", done.out);
 }
 
 /// Answers HELLO and STOP of one client as the robot with this id would, without its key.
