@@ -357,10 +357,7 @@ impl Run<'_> {
                 ));
                 self.record(|r| r.event(&row))?;
             }
-            // Another number: the end of a run before this one.
-            FromModule::RunEnd(end) if self.module_run.is_none_or(|run| run == end.run) => {
-                return Ok(Some(end));
-            }
+            FromModule::RunEnd(end) => return Ok(Some(end)),
             _ => {}
         }
         Ok(None)

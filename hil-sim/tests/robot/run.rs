@@ -296,16 +296,21 @@ fn what_a_slow_link_cannot_carry_is_kept_then_dropped_and_every_drop_is_counted(
     );
 }
 
+/// Three seconds of a run in which the host asks every half second.
+fn keep_in_touch(robot: &mut EmulatedRobot, host: &mut SimHost) {
+    for _ in 0..6 {
+        robot.run_for(500_000);
+        host.ask(robot, &ToModule::Ping { host_t_us: 5 })
+            .expect("in touch");
+    }
+}
+
 #[test]
 fn a_host_that_falls_silent_is_noted_and_the_run_goes_on() {
     let (mut robot, mut host, digest) = ready(1);
     host.start(&mut robot, 0, digest, 12_000, TelemetryRate::Cycle)
         .expect("ready");
-    for _ in 0..6 {
-        robot.run_for(500_000);
-        host.ask(&mut robot, &ToModule::Ping { host_t_us: 5 })
-            .expect("in touch");
-    }
+    keep_in_touch(&mut robot, &mut host);
     robot.run_for(4_000_000);
     host.receive(None);
     assert!(host.saw(|kind| matches!(kind, EventKind::LinkSilent)));
@@ -348,11 +353,7 @@ fn a_host_back_from_silence_in_a_run_is_not_sent_the_end_of_the_run_before() {
     host.ends.clear();
     host.start(&mut robot, 0, digest, 12_000, TelemetryRate::Cycle)
         .expect("ready again");
-    for _ in 0..6 {
-        robot.run_for(500_000);
-        host.ask(&mut robot, &ToModule::Ping { host_t_us: 5 })
-            .expect("in touch");
-    }
+    keep_in_touch(&mut robot, &mut host);
     robot.run_for(4_000_000);
     host.ask(&mut robot, &ToModule::Ping { host_t_us: 6 })
         .expect("back");
