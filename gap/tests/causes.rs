@@ -136,27 +136,34 @@ fn a_cause_has_its_size_and_the_runs_held_out_come_nearer_by_it() {
 }
 
 #[test]
-fn a_limit_of_the_torque_is_found_with_and_without_a_measured_torque() {
-    let plain = Plan::default();
+fn a_limit_of_the_torque_is_found_with_its_size() {
+    let found = causes(&Plan::default(), &planted(E::TorqueLimit, Some(2), &[1.0]));
+    let [cause] = found.causes.as_slice() else {
+        panic!("{:?}", found.causes);
+    };
+    let named = (cause.effect, cause.joints.as_slice());
+    assert_eq!(named, (Some("torque_limit"), [2].as_slice()));
+    let size = cause.values["limit_nm"].value;
+    assert!((size - 1.0).abs() < 0.15, "{size}");
+    let e = &found.held_out.errors["position_rmse_rad"];
+    assert!(e.after < 0.4 * e.before, "{e:?}");
+}
+
+/// Replayed loads are wrong by some tenths of a newton metre: the size is as uncertain, and weaker causes may stand beside it.
+#[test]
+fn a_limit_of_the_torque_is_found_where_no_torque_was_measured() {
     let unfelt = Plan {
         effort: false,
         ..Plan::default()
     };
-    // Without one it is as uncertain as the loads, which are replayed: 1.31 N m was measured.
-    for (plan, within) in [(&plain, 0.15), (&unfelt, 0.4)] {
-        let found = causes(plan, &planted(E::TorqueLimit, Some(2), &[1.0]));
-        let [cause] = found.causes.as_slice() else {
-            panic!("{within}: {:?}", found.causes);
-        };
-        assert_eq!(
-            (cause.effect, &cause.joints),
-            (Some("torque_limit"), &vec![2])
-        );
-        let size = cause.values["limit_nm"].value;
-        assert!((size - 1.0).abs() < within, "{size}");
-        let e = &found.held_out.errors["position_rmse_rad"];
-        assert!(e.after < 0.4 * e.before, "{within}: {e:?}");
-    }
+    let found = causes(&unfelt, &planted(E::TorqueLimit, Some(2), &[0.5]));
+    let first = &found.causes[0];
+    let named = (first.effect, first.joints.as_slice());
+    assert_eq!(named, (Some("torque_limit"), [2].as_slice()));
+    let [low, high] = first.values["limit_nm"].ci95;
+    assert!(low < 0.5 && 0.5 < high, "{low} to {high}");
+    let e = &found.held_out.errors["position_rmse_rad"];
+    assert!(e.after < 0.4 * e.before, "{e:?}");
 }
 
 #[test]
@@ -168,8 +175,9 @@ fn a_robot_without_a_cause_comes_no_nearer_and_says_so() {
     }
 }
 
-#[test]
-fn an_order_that_may_not_be_named_is_unknown_in_its_place() {
+/// What was meant for joint 1 reaches joint 2, for 2 joint 3, for 3 joint 1: 0 2 3 1 4 5, the 30th in lexicographic order. Angles alone
+/// are recorded.
+fn in_another_order() -> (Plan, Reality) {
     let columns = [0, 3, 1, 2, 4, 5];
     let follow = move |p: &[f64; 6]| columns.map(|c: usize| p[c]);
     let mixed = Reality {
@@ -181,6 +189,12 @@ fn an_order_that_may_not_be_named_is_unknown_in_its_place() {
         effort: false,
         ..Plan::default()
     };
+    (bare, mixed)
+}
+
+#[test]
+fn an_order_that_may_not_be_named_is_unknown_in_its_place() {
+    let (bare, mixed) = in_another_order();
     let found = causes_but(&[Effect::JointOrder], &bare, &mixed);
     assert_eq!(found.verdict, Word::Unknown, "{:?}", found.causes);
     let first = found.places.iter().find(|p| p.stage != "unexplained");
@@ -194,19 +208,8 @@ fn an_order_that_may_not_be_named_is_unknown_in_its_place() {
 
 #[test]
 fn joints_in_another_order_have_the_number_of_their_permutation() {
-    // What was meant for joint 1 reaches joint 2, for 2 joint 3, for 3 joint 1: 0 2 3 1 4 5, the 30th in lexicographic order.
-    let columns = [0, 3, 1, 2, 4, 5];
-    let follow = move |p: &[f64; 6]| columns.map(|c: usize| p[c]);
-    let reality = Reality {
-        path: Box::new(move |s| s.iter().map(follow).collect()),
-        ..Reality::default()
-    };
-    let bare = Plan {
-        base: false,
-        effort: false,
-        ..Plan::default()
-    };
-    let found = causes(&bare, &reality);
+    let (bare, mixed) = in_another_order();
+    let found = causes(&bare, &mixed);
     let [cause] = found.causes.as_slice() else {
         panic!("{:?}", found.causes);
     };

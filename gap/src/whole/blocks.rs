@@ -19,3 +19,35 @@ fn on(grid: &[f64], step_s: f64, t_s: f64) -> f64 {
     let b = grid.get(i + 1).copied().unwrap_or(a);
     a + (b - a) * (place - i as f64)
 }
+
+/// What a test finds: effects with their sizes, and the coefficients by block, column and value.
+#[cfg(test)]
+mod found {
+    use crate::evidence::block::Block;
+    use crate::evidence::cause::causes;
+    use crate::evidence::search::Problem;
+    use crate::vocabulary::Effect;
+
+    pub(super) type Named = Vec<(Option<Effect>, f64)>;
+
+    /// Causes of which each adds 6 nats, each by its first number.
+    pub(super) fn named(blocks: &[Block]) -> (Named, Vec<(usize, usize, f64)>) {
+        let all = causes(blocks, &[], &[]);
+        let problem = Problem {
+            blocks,
+            causes: &all,
+            always: &[],
+        };
+        let found = problem.search(&vec![6.0; all.len()], 3);
+        let posterior = problem.posterior(&found.best.members);
+        let members = found.best.members.iter().zip(&posterior.first);
+        let named = members
+            .map(|(m, first)| {
+                let number = &all[*m].numbers[0];
+                let by = number.mean + number.of_latents[0].1 * posterior.mean[*first];
+                (all[*m].effect, number.neutral + number.scale * by)
+            })
+            .collect();
+        (named, problem.coefficients(&found.best.members))
+    }
+}

@@ -354,10 +354,9 @@ pub(in crate::whole) fn drawn(joints: &[(Signals<'_>, Motor)]) -> Option<Track> 
 
 #[cfg(test)]
 mod tests {
+    use super::super::found::{Named, named};
     use super::*;
     use crate::evidence::block::White;
-    use crate::evidence::cause::causes;
-    use crate::evidence::search::Problem;
     use crate::math::Rng;
 
     const MOTOR: Motor = Motor {
@@ -437,7 +436,7 @@ mod tests {
     }
 
     /// Effects named with their first value; `heard` are current, effort and bus.
-    fn named(truth: Truth, heard: [bool; 3]) -> Vec<(Option<Effect>, f64)> {
+    fn found(truth: Truth, heard: [bool; 3]) -> Named {
         let r = recorded(truth);
         let signals = Signals {
             position: &r.position,
@@ -457,22 +456,7 @@ mod tests {
         ];
         let plain = |raw: Raw| White::new(raw, 6).plain();
         let blocks: Vec<_> = raw.into_iter().flatten().map(plain).collect();
-        let all = causes(&blocks, &[], &[]);
-        let problem = Problem {
-            blocks: &blocks,
-            causes: &all,
-            always: &[],
-        };
-        let found = problem.search(&vec![6.0; all.len()], 3);
-        let posterior = problem.posterior(&found.best.members);
-        let members = found.best.members.iter().zip(&posterior.first);
-        members
-            .map(|(m, first)| {
-                let number = &all[*m].numbers[0];
-                let by = number.mean + number.of_latents[0].1 * posterior.mean[*first];
-                (all[*m].effect, number.neutral + number.scale * by)
-            })
-            .collect()
+        named(&blocks).0
     }
 
     #[test]
@@ -529,7 +513,7 @@ mod tests {
             ),
         ];
         for (what, truth, heard, expected) in cases {
-            let found = named(truth, heard);
+            let found = found(truth, heard);
             match expected {
                 None => assert!(found.is_empty(), "{what}: {found:?}"),
                 Some((effect, value)) => {

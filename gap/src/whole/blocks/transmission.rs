@@ -116,10 +116,9 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>]) -> Option<Raw> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::found::{Named, named};
     use super::*;
     use crate::evidence::block::White;
-    use crate::evidence::cause::causes;
-    use crate::evidence::search::Problem;
     use crate::math::Rng;
 
     fn track(of: impl Fn(f64) -> f64) -> Track {
@@ -129,7 +128,7 @@ mod tests {
     }
 
     /// Effects named where the link is `off(q, load, t)` beside the encoder.
-    fn named(off: impl Fn(f64, f64, f64) -> f64) -> Vec<(Option<Effect>, f64)> {
+    fn found(off: impl Fn(f64, f64, f64) -> f64) -> Named {
         let mut rng = Rng::new(4);
         let q = |t: f64| 0.7 * crate::math::sin(1.9 * t);
         let load = |t: f64| 0.8 * crate::math::sin(1.9 * t + 0.7) + 0.2;
@@ -144,22 +143,7 @@ mod tests {
             load_step_s: 0.02,
         };
         let blocks = [White::new(raw(0, &[input]).expect("a run"), 6).plain()];
-        let all = causes(&blocks, &[], &[]);
-        let problem = Problem {
-            blocks: &blocks,
-            causes: &all,
-            always: &[],
-        };
-        let found = problem.search(&vec![6.0; all.len()], 3);
-        let posterior = problem.posterior(&found.best.members);
-        let members = found.best.members.iter().zip(&posterior.first);
-        members
-            .map(|(m, first)| {
-                let number = &all[*m].numbers[0];
-                let by = number.of_latents[0].1 * posterior.mean[*first];
-                (all[*m].effect, number.neutral + number.scale * by)
-            })
-            .collect()
+        named(&blocks).0
     }
 
     #[test]
@@ -182,9 +166,9 @@ mod tests {
             ("scale", |q, _, _| 0.05 * q, Some(Effect::JointScale), 1.05),
             ("drift", |_, _, t| 0.004 * t, None, 0.004),
         ];
-        assert!(named(|_, _, _| 0.0).is_empty());
+        assert!(found(|_, _, _| 0.0).is_empty());
         for (what, off, effect, size) in cases {
-            let found = named(off);
+            let found = found(off);
             assert_eq!(found.len(), 1, "{what}: {found:?}");
             assert_eq!(found[0].0, effect, "{what}: {found:?}");
             assert!((found[0].1 - size).abs() < 0.1 * size, "{what}: {found:?}");

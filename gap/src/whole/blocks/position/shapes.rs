@@ -47,8 +47,11 @@ pub(super) enum Change {
     Lag(f64),
     /// Speed limit, as a share of the nominal one that is lost.
     Limit(f64),
-    /// Torque limit: the nominal one, and what is lost of it, N m.
-    Torque(f64, f64),
+    /// Torque limit.
+    Torque {
+        nominal_nm: f64,
+        lost_nm: f64,
+    },
     Drift,
     Lopsided,
 }
@@ -73,8 +76,12 @@ impl Change {
             Self::Drift => law.drift += by,
             Self::Lopsided => law.lopsided += by,
             Self::Limit(size) => law.share = (law.share - size * by).max(0.01),
-            Self::Torque(from, lost) => {
-                law.torque_nm = (law.torque_nm.min(from) - lost * by).max(0.01 * from);
+            Self::Torque {
+                nominal_nm,
+                lost_nm,
+            } => {
+                let least = 0.01 * nominal_nm;
+                law.torque_nm = (law.torque_nm.min(nominal_nm) - lost_nm * by).max(least);
             }
         }
         law
@@ -207,6 +214,10 @@ fn torque(known: &Known, load_nm: f64, out: &mut Vec<Shape>) {
             prior: [1.0, 0.1],
             ..Column::played(Effect::TorqueLimit, "limit_nm", from, nm, i)
         };
-        out.push(shape(column, Change::Torque(from, from - nm), 1.0));
+        let change = Change::Torque {
+            nominal_nm: from,
+            lost_nm: from - nm,
+        };
+        out.push(shape(column, change, 1.0));
     }
 }

@@ -1,9 +1,8 @@
 //! Closed forms and fine integrations of the loop.
 
+use super::super::found::{Named, named};
 use super::*;
 use crate::evidence::block::White;
-use crate::evidence::cause::causes;
-use crate::evidence::search::Problem;
 use crate::math::Rng;
 
 /// Gain of the loop, 1/s, time between rows, s, and noise of the encoder, rad.
@@ -69,7 +68,7 @@ fn run([late_s, ratio, offset]: [f64; 3], row_s: f64, rng: &mut Rng) -> (Track, 
     (command, position)
 }
 
-fn named(late_s: f64, ratio: f64, offset: f64) -> Named {
+fn named_loop(late_s: f64, ratio: f64, offset: f64) -> Named {
     let mut rng = Rng::new(7);
     let runs: Vec<(Track, Track)> = (0..3)
         .map(|_| run([late_s, ratio, offset], ROW_S, &mut rng))
@@ -98,32 +97,10 @@ fn searched(inputs: &[Input<'_>], start: &[(usize, f64)]) -> (Named, Vec<(usize,
     let white = White::new(raw(0, inputs, &known(), start).expect("long enough"), 6);
     let by = white.tempering(0.12, 0.0);
     let slack: Vec<f64> = white.columns.iter().map(|c| c.slack).collect();
-    let blocks = [white.without_nuisances(&slack, by)];
-    let all = causes(&blocks, &[], &[]);
-    let problem = Problem {
-        blocks: &blocks,
-        causes: &all,
-        always: &[],
-    };
-    let found = problem.search(&vec![6.0; all.len()], 3);
-    let posterior = problem.posterior(&found.best.members);
-    let members = found.best.members.iter().zip(&posterior.first);
-    let named = members
-        .map(|(m, first)| {
-            let number = &all[*m].numbers[0];
-            let sd = number.of_latents[0].1;
-            let coefficient = number.mean + sd * posterior.mean[*first];
-            (all[*m].effect, number.neutral + number.scale * coefficient)
-        })
-        .collect();
-    let coefficients = problem.coefficients(&found.best.members);
-    (
-        named,
-        coefficients.into_iter().map(|c| (c.1, c.2)).collect(),
-    )
+    let (named, coefficients) = named(&[white.without_nuisances(&slack, by)]);
+    let own = coefficients.into_iter().map(|c| (c.1, c.2));
+    (named, own.collect())
 }
-
-type Named = Vec<(Option<Effect>, f64)>;
 
 #[test]
 fn closed_forms_of_the_loop_are_named_with_their_size() {
@@ -140,7 +117,7 @@ fn closed_forms_of_the_loop_are_named_with_their_size() {
         ),
     ];
     for (what, late_s, ratio, offset, expected) in cases {
-        let found = named(late_s, ratio, offset);
+        let found = named_loop(late_s, ratio, offset);
         match expected {
             None => assert!(found.is_empty(), "{what}: {found:?}"),
             Some((effect, value, within)) => {
