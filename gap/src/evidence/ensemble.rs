@@ -25,7 +25,7 @@ const NOTHING: f64 = 1e-3;
 const FIRST_ERROR: f64 = 0.03;
 /// The least model error of a servo, whose limits bend what is computed around one point. Chosen with robots of MuJoCo in
 /// view (development seed 1); without it the strongest of 190 nulls rises from 27 to 579.
-pub(super) const BENT: f64 = 0.12;
+const BENT: f64 = 0.12;
 /// Model error of what causes explain of the base, in any one direction, as a share of its square: contacts and play of
 /// ours are not the robot's. Of most likelihood over what is left of development robots once their causes are in
 /// (emulator, seed 7; MuJoCo, seed 1): six blocks, two of which weigh most. Servos and gears of the same robots ask for none.
@@ -162,7 +162,7 @@ fn explained(gram: &[f64], moment: &[f64]) -> (f64, f64) {
     (rank, full)
 }
 
-pub(super) fn size(column: &Column) -> f64 {
+fn size(column: &Column) -> f64 {
     column.prior[0].abs().max(column.prior[1])
 }
 
@@ -187,7 +187,7 @@ impl Spreads {
 
     /// Share by which the products of a block count, for its model error, where causes explain the square `explained`
     /// of its errors.
-    fn share(&self, block: &White, explained: f64) -> f64 {
+    pub(super) fn share(&self, block: &White, explained: f64) -> f64 {
         let learned = self.model_error.get(&kind(&block.site)).copied();
         let error = learned.unwrap_or(FIRST_ERROR);
         match block.site.stage {

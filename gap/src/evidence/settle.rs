@@ -1,34 +1,27 @@
 //! Where the nominal numbers of a block, within their tolerances, fit best: the point around which it is computed again.
 
 use super::block::White;
-use super::ensemble::{BENT, factored, size};
+use super::ensemble::{Spreads, factored};
 use super::linear::backward;
 
-/// Share of its size that a coefficient may have which is no nominal number: what both explain is the nominal number's.
-/// Chosen before any robot was diagnosed with it, by no calibration; what healthy robots differ by should take its place.
-const ELSE: f64 = 0.3;
-/// Share of its tolerance below which a nominal number stays where it is: slopes over less would be rounding. Chosen as
-/// [`ELSE`] was.
+/// Share of its tolerance below which a nominal number stays where it is: slopes over less would be rounding. Chosen
+/// before any robot was diagnosed with it, by no calibration.
 const STAYS: f64 = 0.2;
+/// Tolerances within which a nominal number is still the one that is stated; beyond them it is a cause.
+const REACH: f64 = 3.0;
 
-/// Column and coefficient of the nominal numbers of `block`.
+/// Column and coefficient of the nominal numbers of `block`, under what robots without a cause differ by.
 #[must_use]
-pub fn settled(block: &White) -> Vec<(usize, f64)> {
-    let sd: Vec<f64> = block
-        .columns
-        .iter()
-        .map(|column| match column.slack {
-            slack if slack > 0.0 => slack,
-            _ => ELSE * size(column),
-        })
-        .collect();
-    let (own, l, mut mean) = factored(block, &sd, block.tempering(BENT, 0.0));
+pub fn settled(block: &White, spreads: &Spreads) -> Vec<(usize, f64)> {
+    let sd = spreads.of(block);
+    let (own, l, mut mean) = factored(block, &sd, spreads.share(block, 0.0));
     backward(&l, own.len(), &mut mean);
-    let nominal = own
-        .iter()
-        .zip(&mean)
-        .filter(|(i, by)| block.columns[**i].slack > 0.0 && by.abs() > STAYS);
-    nominal.map(|(i, by)| (*i, sd[*i] * by)).collect()
+    let nominal = own.iter().zip(&mean).filter_map(|(i, by)| {
+        let tolerance = block.columns[*i].slack;
+        let value = (sd[*i] * by).clamp(-REACH * tolerance, REACH * tolerance);
+        (value.abs() > STAYS * tolerance).then_some((*i, value))
+    });
+    nominal.collect()
 }
 
 #[cfg(test)]
@@ -66,7 +59,10 @@ mod tests {
             Column::linear(Effect::JointScale, "ratio", 1.0, 0.5),
         ];
         let block = White::whitened(site, columns, &[segment], [1.0, 1.0]);
-        let found = settled(&block);
+        let mut spreads = Spreads::default();
+        let healthy = [("driver.joint_scale.ratio.0".to_owned(), 0.3)];
+        spreads.columns.extend(healthy);
+        let found = settled(&block, &spreads);
         let [(0, gain)] = found.as_slice() else {
             panic!("{found:?}");
         };

@@ -275,7 +275,7 @@ impl Asked<'_> {
     fn settled(&self, loads: &Loads) -> [Vec<(usize, f64)>; JOINTS] {
         let one = |k: usize| {
             let block = self.position(k, loads, &[]);
-            block.map_or_else(Vec::new, |b| settled(&b))
+            block.map_or_else(Vec::new, |b| settled(&b, &self.calibration.spreads))
         };
         let each: Vec<_> = (0..JOINTS).into_par_iter().map(one).collect();
         each.try_into().unwrap_or_default()
@@ -439,7 +439,7 @@ struct Starts {
 impl Starts {
     /// Where the set found has its coefficients; the nominal numbers of a servo that has none. Beside a cause they stay as
     /// stated: what it leaves would move them, as two emulated robots of development showed (seed 7, 2 and 32).
-    fn of(problem: &Problem<'_>, found: &Found, whites: &[White]) -> Self {
+    fn of(problem: &Problem<'_>, found: &Found, whites: &[White], spreads: &Spreads) -> Self {
         let mut out = Self::default();
         let coefficients = problem.coefficients(&found.best.members);
         for (block, column, value) in coefficients {
@@ -457,7 +457,7 @@ impl Starts {
             if let (Stage::Driver, Some(k)) = (white.site.stage, white.site.joint)
                 && out.joints[k].is_empty()
             {
-                out.joints[k] = settled(white);
+                out.joints[k] = settled(white, spreads);
             }
         }
         out

@@ -116,7 +116,8 @@ impl<'a> Passes<'a> {
 
     /// Moves the point of linearisation to where the causes `found` fit best.
     pub(super) fn refine(&mut self, found: &Explained) {
-        let starts = Starts::of(&found.problem(), &found.found, &self.whites);
+        let spreads = &self.asked.calibration.spreads;
+        let starts = Starts::of(&found.problem(), &found.found, &self.whites, spreads);
         let sites = self.explained.iter().map(|e| self.whites[e.0].site);
         let own = sites.filter(|s| s.stage == Stage::Driver);
         let driven: Vec<usize> = own.filter_map(|s| s.joint).collect();

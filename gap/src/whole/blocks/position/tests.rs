@@ -284,12 +284,13 @@ fn a_motor_that_cannot_lift_its_load_has_a_limit_of_its_size() {
 
 #[test]
 fn a_servo_that_is_slower_than_stated_within_its_tolerance_has_no_limit() {
+    use crate::decide::Calibration;
     use crate::evidence::settle::settled;
     // Two and a half tolerances slow; the swing asks for more than that.
     let run = limited(2.5 * (1.0 - 2.5 * 0.1));
     let inputs = [input(&run)];
     let nominal = White::new(raw(0, &inputs, &known(), &[]).expect("long enough"), 6);
-    let start = settled(&nominal);
+    let start = settled(&nominal, &Calibration::shipped().spreads);
     assert!(!start.is_empty());
     let limited = |start: &[(usize, f64)]| {
         let (named, _) = searched(&inputs, start);
