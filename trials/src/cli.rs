@@ -80,9 +80,39 @@ fn host(given: Option<&PathBuf>) -> Result<PathBuf> {
     Ok(beside)
 }
 
+/// Command of `rb-host` that is judged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+enum Judged {
+    /// `gap report`
+    #[default]
+    Report,
+    /// `gap causes`
+    Causes,
+}
+
+impl Judged {
+    fn word(self) -> &'static str {
+        match self {
+            Self::Report => "report",
+            Self::Causes => "causes",
+        }
+    }
+}
+
 /// Diagnoses a folder in a process of its own; the verdict comes into being complete or not at all. False where the
 /// diagnosis failed.
 fn diagnose(host: &Path, folder: &Path, verdict: &Path, more: &[&str]) -> Result<bool> {
+    diagnose_by(Judged::Report, host, folder, verdict, more)
+}
+
+/// The same by either command.
+fn diagnose_by(
+    judged: Judged,
+    host: &Path,
+    folder: &Path,
+    verdict: &Path,
+    more: &[&str],
+) -> Result<bool> {
     if verdict.exists() {
         return Ok(true);
     }
@@ -90,14 +120,22 @@ fn diagnose(host: &Path, folder: &Path, verdict: &Path, more: &[&str]) -> Result
     if part.exists() {
         fs::remove_file(&part).with_context(|| format!("cannot remove {}", part.display()))?;
     }
-    let status = Command::new(host)
-        .args(["--quiet", "gap", "report"])
-        .arg(folder)
-        .arg("--json-file")
-        .arg(&part)
+    let mut command = Command::new(host);
+    match judged {
+        Judged::Report => {
+            let report = command.args(["--quiet", "gap", "report"]).arg(folder);
+            report.arg("--json-file").arg(&part).stdout(Stdio::null());
+        }
+        Judged::Causes => {
+            let causes = command.args(["--quiet", "--json", "gap", "causes"]);
+            let file = fs::File::create(&part)
+                .with_context(|| format!("cannot write {}", part.display()))?;
+            causes.arg(folder).stdout(file);
+        }
+    }
+    let status = command
         .args(more)
         .env("RAYON_NUM_THREADS", "1")
-        .stdout(Stdio::null())
         .stderr(Stdio::null())
         .status()
         .with_context(|| format!("cannot start {}", host.display()))?;

@@ -94,6 +94,23 @@ fn a_sealed_robot_is_diagnosed_and_scored() {
     suite(&folder, &make).expect("a suite");
     let (seconds, _) = figure(&folder, "wall time of a diagnosis, median, s");
     assert!(seconds > Some(0.0), "{seconds:?}");
+    // The other command of the diagnosis, by a calibration of one's own.
+    let shipped = concat!(env!("CARGO_MANIFEST_DIR"), "/../gap/calibration/robot.json");
+    let run = [
+        "run",
+        "./b/cases",
+        "-o",
+        "./b/causes",
+        "--command",
+        "causes",
+        "--calibration",
+        shipped,
+        "--host",
+        HOST,
+    ];
+    trials(&folder, &run).expect("causes");
+    let text = fs::read_to_string(folder.path("b/causes/robot_0000.json")).unwrap();
+    assert!(text.contains("rb.gap/2"), "{text}");
     // Fewer signals are another suite.
     let refused = trials(&folder, &[&make[..], &["--without", "echo"]].concat());
     assert!(refused.unwrap_err().contains("another suite"));

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use anyhow::{Context, Result};
 
-use super::{diagnose, each, host};
+use super::{Judged, diagnose_by, each, host};
 use crate::label;
 
 /// Options of `run`.
@@ -25,6 +25,12 @@ pub(super) struct Args {
     /// else is diagnosed
     #[arg(long, value_name = "LABELS")]
     leave_one_out: Option<PathBuf>,
+    /// Command of rb-host that is judged
+    #[arg(long, value_enum, default_value_t)]
+    command: Judged,
+    /// Calibration that `gap causes` decides by
+    #[arg(long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
     /// Processes at once; 0 = one per core
     #[arg(long, default_value_t = 0)]
     jobs: usize,
@@ -56,17 +62,24 @@ pub(super) fn run(args: &Args) -> Result<()> {
     std::fs::create_dir_all(&args.output)
         .with_context(|| format!("cannot make {}", args.output.display()))?;
     let failed = AtomicUsize::new(0);
+    let calibration = args.calibration.as_ref().map(|f| f.to_string_lossy());
     each(folders.len(), args.jobs, |k| {
         let name = folders[k].file_name().unwrap_or_default().to_string_lossy();
         let effect = withheld.as_ref().map(|w| w.get(name.as_ref()));
-        let more = match effect {
+        let mut more = match effect {
             Some(None) => return Ok(()),
             Some(Some(effect)) => vec!["--withhold", effect.as_str()],
             None => Vec::new(),
         };
+        if let Some(file) = &calibration {
+            more.extend(["--calibration", file]);
+        }
         let verdict = args.output.join(format!("{name}.json"));
-        if !diagnose(&host, &folders[k], &verdict, &more)? {
-            eprintln!("no verdict on {name}: run `rb-host gap report` on its folder");
+        if !diagnose_by(args.command, &host, &folders[k], &verdict, &more)? {
+            eprintln!(
+                "no verdict on {name}: run `rb-host gap {}` on its folder",
+                args.command.word()
+            );
             failed.fetch_add(1, Ordering::Relaxed);
         }
         Ok(())

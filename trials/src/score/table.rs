@@ -29,7 +29,11 @@ pub(super) fn wilson(right: usize, all: usize) -> [f64; 2] {
     let centre = p + z * z / (2.0 * n);
     let half = z * libm::sqrt(p * (1.0 - p) / n + z * z / (4.0 * n * n));
     let scale = 1.0 + z * z / n;
-    [(centre - half) / scale, (centre + half) / scale]
+    // Rounding alone takes an end beyond 0 or 1.
+    [
+        ((centre - half) / scale).max(0.0),
+        ((centre + half) / scale).min(1.0),
+    ]
 }
 
 impl Figure {
