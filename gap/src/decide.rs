@@ -110,9 +110,13 @@ pub struct Calibration {
     /// Tails by effect, and by what shows it where enough robots have that; without any the evidence counts as it is.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub tails: BTreeMap<String, Tail>,
-    /// What the best set leaves of each of them, ascending; empty where nothing was measured of it.
+    /// What the best set leaves of each of them, ascending; of robots, the largest over all blocks in units of `lefts`.
+    /// Empty where nothing was measured of it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub remainders: Vec<f64>,
+    /// Tails of what is left, dB, by kind of block.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub lefts: BTreeMap<String, Tail>,
     /// What they differ by from the nominal model.
     #[serde(default)]
     pub spreads: Spreads,
@@ -159,6 +163,7 @@ impl Calibration {
             strongest,
             tails: BTreeMap::new(),
             remainders: Vec::new(),
+            lefts: BTreeMap::new(),
             spreads: Spreads::default(),
         })
     }
@@ -201,6 +206,40 @@ impl Calibration {
         self
     }
 
+    /// The same with what no column explains in the blocks of robots: kind of the block and dB.
+    #[must_use]
+    pub fn with_lefts(self, robots: &[Vec<(String, f64)>]) -> Self {
+        let mut values: BTreeMap<&str, (usize, Vec<f64>)> = BTreeMap::new();
+        for robot in robots {
+            let kinds: BTreeSet<&str> = robot.iter().map(|r| r.0.as_str()).collect();
+            kinds
+                .into_iter()
+                .for_each(|k| values.entry(k).or_default().0 += 1);
+            for (kind, left) in robot {
+                values.entry(kind).or_default().1.push(*left);
+            }
+        }
+        let enough = values.into_iter().filter(|v| v.1.0 >= LEAST);
+        let lefts: BTreeMap<String, Tail> = enough
+            .map(|(kind, (_, all))| (kind.to_owned(), Tail::of(&all)))
+            .collect();
+        let own = Self { lefts, ..self };
+        let one = |robot: &Vec<(String, f64)>| {
+            let each = robot
+                .iter()
+                .filter_map(|(kind, left)| own.standard_left(kind, *left));
+            each.fold(f64::NEG_INFINITY, f64::max)
+        };
+        let remainders = robots.iter().map(one).collect();
+        own.with_remainders(remainders)
+    }
+
+    /// What is left in a block, dB, in units of its tail; `None` for a kind that too few robots of the calibration had.
+    #[must_use]
+    pub fn standard_left(&self, kind: &str, left_db: f64) -> Option<f64> {
+        Some(self.lefts.get(kind)?.standard(left_db))
+    }
+
     /// Reads a file that [`Calibration::to_json`] wrote.
     ///
     /// # Errors
@@ -214,6 +253,7 @@ impl Calibration {
         let own = Self {
             spreads: read.spreads,
             tails: read.tails,
+            lefts: read.lefts,
             ..own
         };
         Ok(own.with_remainders(read.remainders))
@@ -248,6 +288,7 @@ impl Calibration {
             strongest: vec![f64::MAX; LEAST],
             tails: BTreeMap::new(),
             remainders: Vec::new(),
+            lefts: BTreeMap::new(),
             spreads: Spreads::default(),
         })
     }

@@ -81,7 +81,7 @@ use crate::verdict::Verdict;
 use crate::vocabulary::Effect;
 pub use camera::Film;
 pub use causes::{
-    Alternative, Causes, HeldOut, Nearest, Place, Probabilities, Row, Shrink, Value, Word,
+    Alternative, Causes, HeldOut, Left, Nearest, Place, Probabilities, Row, Shrink, Value, Word,
 };
 use conventions::Conventions;
 use data::Data;
@@ -356,7 +356,8 @@ pub fn calibrated(
         .enumerate()
         .map(|(i, r)| causes::strongest(r, &folds[i % FOLDS]))
         .collect();
-    let mut out = Calibration::by_effect(&strongest, command, source)?;
+    let lefts: Vec<_> = robots.iter().map(|r| causes::lefts(r)).collect();
+    let mut out = Calibration::by_effect(&strongest, command, source)?.with_lefts(&lefts);
     out.spreads = Spreads::learned(robots);
     Ok(out)
 }

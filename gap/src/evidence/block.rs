@@ -266,6 +266,9 @@ pub struct Block {
     pub noise: f64,
     /// Root mean square of the errors before whitening, in the unit of the signal.
     pub before: f64,
+    /// Root mean square of what no column explains, in units of the noise; of errors that are no independent rows from the start,
+    /// without the noise.
+    pub left: f64,
 }
 
 /// Weighted products of all columns, the errors being the last one.
@@ -330,6 +333,21 @@ fn eliminate(all: &mut [f64], n: usize, slack: &[f64]) {
     }
 }
 
+/// Squared errors that all `columns` together leave, under their priors.
+fn remainder(products: &[f64], columns: &[Column]) -> f64 {
+    let n = columns.len() + 1;
+    let theta = noise::saturated_by(products, columns);
+    let taken: f64 = (0..columns.len())
+        .map(|a| {
+            let by: f64 = (0..columns.len())
+                .map(|b| theta[b] * products[a * n + b])
+                .sum();
+            theta[a] * (2.0 * products[a * n + n - 1] - by)
+        })
+        .sum();
+    (products[n * n - 1] - taken).max(0.0)
+}
+
 /// A whitened block with its nuisances.
 #[derive(Debug, Clone, PartialEq)]
 pub struct White {
@@ -345,6 +363,9 @@ pub struct White {
     pub noise: f64,
     /// Root mean square of the errors before whitening, in the unit of the signal.
     pub before: f64,
+    /// Root mean square of what no column explains, in units of the noise; of errors that are no independent rows from the start,
+    /// without the noise.
+    pub left: f64,
 }
 
 impl White {
@@ -357,7 +378,10 @@ impl White {
             calibrated(&mut segments, noisy, &white);
         }
         let noise = white.noise;
-        Self::whitened(raw.site, raw.columns, &segments, [noise, before])
+        Self {
+            left: white.slow / noise,
+            ..Self::whitened(raw.site, raw.columns, &segments, [noise, before])
+        }
     }
 
     /// From errors that are independent and of size one; `noise` and `before` in the unit of the signal.
@@ -368,10 +392,13 @@ impl White {
         segments: &[Segment],
         [noise, before]: [f64; 2],
     ) -> Self {
+        let rows: f64 = segments.iter().flat_map(|s| &s.weight).sum();
+        let products = products(segments, columns.len());
         Self {
             site,
-            rows: segments.iter().flat_map(|s| &s.weight).sum(),
-            products: products(segments, columns.len()),
+            rows,
+            left: (remainder(&products, &columns) / rows.max(1.0)).sqrt(),
+            products,
             columns,
             noise,
             before,
@@ -416,6 +443,7 @@ impl White {
             columns,
             noise: self.noise,
             before: self.before,
+            left: self.left,
         }
     }
 

@@ -53,7 +53,8 @@ const SHARED: f64 = 10.0;
 const MOST: usize = 24;
 
 /// Name of a kind of block: its stage, and what in it is a guess.
-pub(super) fn kind(site: &Site) -> String {
+#[must_use]
+pub fn kind(site: &Site) -> String {
     let blind = if site.blind { "blind_" } else { "" };
     let coarse = if site.coarse { "coarse_" } else { "" };
     format!("{blind}{coarse}{}", site.stage.name())

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::block::{Column, Meaning, Owner, Parameter, Site, White};
 use crate::vocabulary::{Effect, Stage};
 
-const SCHEMA: &str = "rb.blocks/1";
+const SCHEMA: &str = "rb.blocks/2";
 
 /// Why bytes are no blocks.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -51,6 +51,7 @@ struct BlockHead {
     rows: f64,
     noise: f64,
     before: f64,
+    left: f64,
     columns: Vec<ColumnHead>,
 }
 
@@ -178,6 +179,7 @@ pub fn to_bytes(blocks: &[White]) -> Vec<u8> {
                 rows: b.rows,
                 noise: b.noise,
                 before: b.before,
+                left: b.left,
                 columns: b.columns.iter().map(Into::into).collect(),
             })
             .collect(),
@@ -251,6 +253,7 @@ fn block(b: BlockHead, numbers: &mut impl Iterator<Item = f64>) -> Result<White,
         products,
         noise: b.noise,
         before: b.before,
+        left: b.left,
     })
 }
 
@@ -311,7 +314,7 @@ mod tests {
             let text = String::from_utf8_lossy(&bytes[..end]).replace(from, to);
             from_bytes(&[text.as_bytes(), &bytes[end..]].concat())
         };
-        let other = head("rb.blocks/1", "rb.blocks/0");
+        let other = head("rb.blocks/2", "rb.blocks/0");
         assert!(matches!(other, Err(KeptError::Schema { .. })), "{other:?}");
         let named = head("torque_ripple", "torque_tipple");
         assert!(matches!(named, Err(KeptError::Name(_))), "{named:?}");

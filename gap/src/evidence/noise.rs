@@ -13,9 +13,13 @@ const LEAST: f64 = 1e-3;
 
 /// Coefficients of all columns at once under their priors: the fit that leaves least.
 fn saturated(segments: &[Segment], columns: &[Column]) -> Vec<f64> {
+    saturated_by(&products(segments, columns.len()), columns)
+}
+
+/// The same from the products of columns and errors.
+pub(super) fn saturated_by(all: &[f64], columns: &[Column]) -> Vec<f64> {
     let c = columns.len();
     let n = c + 1;
-    let all = products(segments, c);
     let mut a = vec![0.0; c * c];
     let mut b = vec![0.0; c];
     for i in 0..c {
@@ -96,6 +100,8 @@ pub struct Whitening {
     past: Vec<f64>,
     /// Standard deviation of one-step prediction errors, in the unit of the signal.
     pub noise: f64,
+    /// Root mean square of what no column explains and its own past predicts, in the unit of the signal: slower than noise.
+    pub slow: f64,
 }
 
 impl Whitening {
@@ -141,6 +147,7 @@ pub(super) fn whiten(
     let mut white = Whitening {
         past: Vec::new(),
         noise: floor.max(LEAST * root_mean_square(segments)),
+        slow: 0.0,
     };
     whitened(&mut out, segments, &white);
     for _ in 0..PASSES {
@@ -155,6 +162,7 @@ pub(super) fn whiten(
         white = Whitening {
             past,
             noise: variance.max(1e-300).sqrt(),
+            slow: (r[0] - variance).max(0.0).sqrt(),
         };
         whitened(&mut out, segments, &white);
         for ((to, from), (left, _)) in out.iter_mut().zip(segments).zip(&left) {
@@ -189,6 +197,9 @@ mod tests {
         let (white, filter) = whiten(&[segment], &[], 4, 0.0);
         let noise = filter.noise;
         assert!((noise - 0.1).abs() < 0.003, "{noise}");
+        // Yule and Walker: a variance of 0.01 (1 + 0.5) / (1 - 0.5) / (1.5^2 - 1.2^2), less that of the noise.
+        let slow = (0.03 / 0.81 - 0.01_f64).sqrt();
+        assert!((filter.slow / slow - 1.0).abs() < 0.05, "{}", filter.slow);
         let r = autocovariance(&[(white[0].y.clone(), &white[0].weight)], 3);
         assert!(r[1..].iter().all(|x| x.abs() < 0.03), "{r:?}");
     }

@@ -5,6 +5,7 @@ mod loads;
 mod places;
 mod readings;
 mod refine;
+mod remainder;
 mod rows;
 mod windings;
 
@@ -34,6 +35,8 @@ use loads::Loads;
 pub use places::Place;
 use readings::{reading, sure};
 use refine::Passes;
+pub use remainder::Left;
+pub(super) use remainder::lefts;
 pub use rows::{Alternative, Causes, Nearest, Probabilities, Row, Value, Word};
 use windings::{effort, signals};
 

@@ -24,7 +24,7 @@ pub struct Place {
 }
 
 impl Place {
-    fn new(stage: Option<Stage>, joint: Option<usize>, share: f64) -> Self {
+    pub(super) fn new(stage: Option<Stage>, joint: Option<usize>, share: f64) -> Self {
         let which: Vec<usize> = joint.into_iter().collect();
         Self {
             stage: stage.map_or(UNEXPLAINED, Stage::name),
@@ -36,7 +36,7 @@ impl Place {
 }
 
 /// Stage of what no cause explains.
-const UNEXPLAINED: &str = "unexplained";
+pub(super) const UNEXPLAINED: &str = "unexplained";
 
 impl Explained {
     /// Parts of the gap, largest first; none where no cause was found.

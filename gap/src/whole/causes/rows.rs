@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use files::model::Model;
 use serde::Serialize;
 
-use super::places::Place;
+use super::places::{Place, UNEXPLAINED};
+use super::remainder::{self, Left};
 use super::{Explained, HeldOut};
 use crate::decide::Calibration;
 use crate::evidence::cause::{Cause, Scope};
@@ -124,6 +125,8 @@ pub struct Causes {
     pub causes: Vec<Row>,
     /// None and unknown.
     pub probabilities: Probabilities,
+    /// Where more is left than robots without a cause leave, the most unusual first.
+    pub left: Vec<Left>,
     /// What is not named and comes nearest.
     pub nearest: Option<Nearest>,
     /// How far the gap shrinks on runs that no fit saw.
@@ -134,6 +137,8 @@ pub struct Causes {
 
 /// Likelihood ratios within which two causes are one class: a factor of 20 (Kass and Raftery 1995: strong).
 const CLASS: f64 = 3.0;
+/// Share of the gap that stays, above which what was named is not what is there.
+const MOST: f64 = 0.5;
 /// Alternatives that are listed.
 const LISTED: usize = 5;
 
@@ -277,7 +282,7 @@ fn place(row: &Row) -> String {
     }
 }
 
-fn sentence(word: Word, rows: &[Row]) -> String {
+fn sentence(word: Word, rows: &[Row], left: &[Left]) -> String {
     let one = |r: &Row| {
         let name = r
             .effect
@@ -285,7 +290,10 @@ fn sentence(word: Word, rows: &[Row]) -> String {
             .map_or("a shape that no effect of the library has", Effect::plain);
         format!("{name}{}", place(r))
     };
-    let list: Vec<String> = rows.iter().map(one).collect();
+    let mut list: Vec<String> = rows.iter().map(one).collect();
+    if word == Word::Unknown {
+        list.extend(left.iter().map(|l| format!("what is left at {}", l.plain)));
+    }
     match word {
         Word::None => "No cause shows that robots without a cause do not show as well.".into(),
         Word::Unknown => format!(
@@ -367,14 +375,25 @@ impl Explained {
             })
             .collect();
         rows.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let left = self.left(calibration);
+        let places = match rows.is_empty() {
+            true => remainder::places(&left),
+            false => self.places(),
+        };
+        let other = places.iter().filter(|p| p.stage == UNEXPLAINED);
+        let stays: f64 = other.map(|p| p.share).sum();
+        // What was named is not what is there.
+        let unnamed = left.first().filter(|_| rows.is_empty() || stays > MOST);
         let word = match rows.first() {
+            _ if unnamed.is_some() => Word::Unknown,
             None => Word::None,
             Some(_) if rows.iter().any(|r| r.effect.is_none()) => Word::Unknown,
+            Some(_) if !left.is_empty() => Word::PartlyExplained,
             Some(_) if rows.iter().all(|r| r.kind == "parametric") => Word::Parametric,
             Some(_) => Word::PartlyExplained,
         };
         let next = self.found.next;
-        let none = if rows.is_empty() {
+        let none = if rows.is_empty() && unnamed.is_none() {
             next.map_or(1.0, |(c, adds)| {
                 calibration.p_value(&(&self.causes[c]).into(), adds)
             })
@@ -382,14 +401,16 @@ impl Explained {
             0.0
         };
         let open = rows.iter().filter(|r| r.effect.is_none());
-        let unknown = open.map(|r| r.probability).fold(0.0, f64::max);
+        let rest = unnamed.map(|l| 1.0 - l.p_value);
+        let unknown = open.map(|r| r.probability).chain(rest).fold(0.0, f64::max);
         Causes {
             schema: "rb.gap/2",
             verdict: word,
-            sentence: sentence(word, &rows),
-            places: self.places(),
+            sentence: sentence(word, &rows, &left),
+            places,
             causes: rows,
             probabilities: Probabilities { none, unknown },
+            left,
             nearest: next.map(|(c, evidence)| {
                 let cause = &self.causes[c];
                 Nearest {

@@ -12,7 +12,7 @@ use gap::evidence::block::White;
 use gap::evidence::kept;
 use gap::vocabulary::Effect;
 use gap::whole::{
-    Causes, DataSet, Film, HeldOut, Place, Row, calibrated, name_causes, null_blocks,
+    Causes, DataSet, Film, HeldOut, Left, Place, Row, calibrated, name_causes, null_blocks,
 };
 
 use super::input;
@@ -185,6 +185,7 @@ impl Answer {
                 let f = &found.0;
                 let mut out = text(&f.sentence, &f.causes);
                 out.push_str(&places(&f.places));
+                out.push_str(&left(&f.left));
                 let _ = write!(out, "{}", shrinks(&f.held_out));
                 if let Some(near) = &f.nearest {
                     let what = name(near.effect);
@@ -220,6 +221,19 @@ fn places(all: &[Place]) -> String {
         return String::new();
     }
     format!("\nWhere the gap lies: {}.\n", list.join(", "))
+}
+
+/// What is left beyond what robots without a cause leave.
+fn left(all: &[Left]) -> String {
+    let one = |l: &Left| format!("{} ({:.1} times the usual)", l.plain, l.left / l.usual);
+    let list: Vec<String> = all.iter().map(one).collect();
+    if list.is_empty() {
+        return String::new();
+    }
+    format!(
+        "More is left than robots without a cause leave: {}.\n",
+        list.join(", ")
+    )
 }
 
 /// How far the gap shrinks, signal by signal.
