@@ -363,7 +363,7 @@ pub fn calibrated(
 }
 
 /// Folds of the cross-validation of [`calibrated`].
-const FOLDS: usize = 5;
+const FOLDS: usize = 10;
 
 /// Phases of a diagnosis of a robot, in order.
 pub const PHASES: [&str; 7] = [

@@ -17,6 +17,8 @@ use crate::vocabulary::Stage;
 const PASSES: usize = 40;
 /// Spread from which a column starts, as a share of its size where the effect is there.
 const START: f64 = 0.3;
+/// Fewest blocks that show how a column differs: one robot's joints.
+const FEWEST: usize = 6;
 /// Share of a column's size below which its spread is nothing.
 const NOTHING: f64 = 1e-3;
 
@@ -214,14 +216,17 @@ impl Spreads {
             .filter(|b| b.columns.len() > 1)
             .map(Healthy::new)
             .collect();
+        let mut count: BTreeMap<String, usize> = BTreeMap::new();
         for h in &blocks {
             out.model_error.insert(h.kind.clone(), FIRST_ERROR);
             for c in &h.block.columns {
                 if let Some(n) = name(&h.block.site, c) {
+                    *count.entry(n.clone()).or_default() += 1;
                     out.columns.insert(n, START * size(c));
                 }
             }
         }
+        out.columns.retain(|n, _| count[n] >= FEWEST);
         for pass in 1..=PASSES {
             out.pass(&blocks);
             if pass % AGAIN == 0 {
