@@ -114,7 +114,7 @@ pub struct Calibration {
     /// Empty where nothing was measured of it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub remainders: Vec<f64>,
-    /// Tails of what is left, dB, by kind of block.
+    /// Tails of what is left, dB, by blocks that leave alike.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub lefts: BTreeMap<String, Tail>,
     /// What they differ by from the nominal model.

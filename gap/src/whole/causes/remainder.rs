@@ -1,11 +1,13 @@
 //! What neither causes nor nuisances explain, against what robots without a cause leave.
 
+use std::collections::BTreeSet;
+
 use serde::Serialize;
 
 use super::Explained;
 use super::places::Place;
 use crate::decide::{Calibration, LEVEL};
-use crate::evidence::block::White;
+use crate::evidence::block::{Column, Meaning, Site, White};
 use crate::evidence::ensemble::kind;
 
 /// A block of prediction errors that leaves more than blocks of robots without a cause do.
@@ -35,10 +37,25 @@ fn decibel(left: f64) -> f64 {
     20.0 * libm::log10(left.max(LEAST))
 }
 
-/// Kind of each block of many numbers, and what it leaves, dB.
+/// Blocks that leave alike: of one kind, moved by the same effects. A torque that currents give and a duty are both electrical, and
+/// leave different things.
+fn alike(site: &Site, columns: &[Column]) -> String {
+    let effects: BTreeSet<&str> = columns
+        .iter()
+        .filter_map(|c| match c.meaning {
+            Meaning::Effect(e) => Some(e.name()),
+            Meaning::Open | Meaning::Nuisance => None,
+        })
+        .collect();
+    let list: Vec<&str> = effects.into_iter().collect();
+    format!("{}: {}", kind(site), list.join(" "))
+}
+
+/// Blocks of many numbers by what leaves alike, and what each leaves, dB.
 pub(in crate::whole) fn lefts(blocks: &[White]) -> Vec<(String, f64)> {
     let many = blocks.iter().filter(|b| b.columns.len() > 1);
-    many.map(|b| (kind(&b.site), decibel(b.left))).collect()
+    many.map(|b| (alike(&b.site, &b.columns), decibel(b.left)))
+        .collect()
 }
 
 impl Explained {
@@ -48,7 +65,7 @@ impl Explained {
         let mut out: Vec<(f64, Left)> = Vec::new();
         for (i, block) in self.blocks.iter().enumerate() {
             let many = block.columns.len() > 1;
-            let kind = kind(&block.site);
+            let kind = alike(&block.site, &block.columns);
             let standard = calibration.standard_left(&kind, decibel(block.left));
             let Some(standard) = standard.filter(|_| many) else {
                 continue;
@@ -94,7 +111,7 @@ pub(super) fn places(left: &[Left]) -> Vec<Place> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evidence::block::{Column, Raw, Segment, Site};
+    use crate::evidence::block::{Raw, Segment};
     use crate::evidence::cause::causes;
     use crate::evidence::search::{Found, Set};
     use crate::math::{Rng, sin};
