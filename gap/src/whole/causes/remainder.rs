@@ -186,9 +186,8 @@ mod tests {
             (left.stage, left.joint, left.named),
             ("driver", Some(1), false)
         );
-        // In units of the noise: 1 mrad, and the floor of 0.5 mrad.
-        let noise = 1e-3 * 1.25_f64.sqrt();
-        assert!((left.left * noise / 4e-3 - 1.0).abs() < 0.1, "{left:?}");
+        let rms = left.left * off[1].noise;
+        assert!((rms / 4e-3 - 1.0).abs() < 0.1, "{left:?}");
         assert!((places(&found)[0].share - 1.0).abs() < 1e-12);
         // A cause that shows there is named: the rest is part of what it leaves.
         let all = explained(&off, Vec::new());
