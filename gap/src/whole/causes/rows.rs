@@ -103,9 +103,9 @@ pub enum Word {
     None,
     /// Nominal values beyond their tolerance.
     Parametric,
-    /// Causes are named; what stays is not tested.
+    /// Causes are named; less than half of the gap stays, or no more than robots without a cause leave.
     PartlyExplained,
-    /// What is there has no effect's shape.
+    /// What is there has no effect's shape, or too much is left.
     Unknown,
 }
 
