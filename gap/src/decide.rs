@@ -11,6 +11,8 @@ use crate::vocabulary::Effect;
 
 /// Family-wise share of robots without a cause that may be accused of one.
 pub const LEVEL: f64 = 0.01;
+/// Share of the squares beyond the noise that stays, above which what was named is not what is there: of joints and of robots.
+pub const MOST: f64 = 0.5;
 
 /// Middle and upper tail of the evidence that robots without a cause show for one effect.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::Explained;
 use super::library::Hypothesis;
 use super::search::Set;
-use crate::decide::{Calibration, LEVEL, Shown};
+use crate::decide::{Calibration, LEVEL, MOST, Shown};
 use crate::evidence::cause::Scope;
 use crate::names;
 use crate::vocabulary::Effect;
@@ -106,8 +106,6 @@ impl Read {
 
 /// Likelihood ratios within which two causes are one class: a factor of 20 (Kass and Raftery 1995: strong).
 const CLASS: f64 = 3.0;
-/// Share of the squares beyond the noise that stays, above which what was named is not what is there.
-const MOST: f64 = 0.5;
 /// Alternatives that are listed.
 const LISTED: usize = 5;
 

@@ -90,7 +90,8 @@ fn a_client_written_from_the_page_alone_runs_the_robot() {
     if let Err(why) = Command::new("python3").arg("--version").output() {
         return skip(name, &format!("python3: {why}"));
     }
-    let robot = Emulator::start(&Folder::new("page-client"));
+    let folder = Folder::new("page-client");
+    let robot = Emulator::start(&folder);
     let client = concat!(
         env!("CARGO_MANIFEST_DIR"),
         "/../tests/foreign/link_client.py"

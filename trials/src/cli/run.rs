@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 
 use super::{Judged, diagnose_by, each, host};
 use crate::label;
@@ -38,6 +38,9 @@ pub(super) struct Args {
 
 /// Diagnoses.
 pub(super) fn run(args: &Args) -> Result<()> {
+    if args.calibration.is_some() && args.command == Judged::Report {
+        bail!("--calibration is for --command causes; `gap report` takes none");
+    }
     let host = host(args.host.as_ref())?;
     let withheld: Option<BTreeMap<String, String>> = args
         .leave_one_out

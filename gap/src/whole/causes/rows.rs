@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::places::{Place, UNEXPLAINED};
 use super::remainder::{self, Left};
 use super::{Explained, HeldOut};
-use crate::decide::Calibration;
+use crate::decide::{Calibration, MOST};
 use crate::evidence::cause::{Cause, Scope};
 use crate::evidence::search::{Posterior, Rival};
 use crate::verdict::Estimate;
@@ -137,8 +137,6 @@ pub struct Causes {
 
 /// Likelihood ratios within which two causes are one class: a factor of 20 (Kass and Raftery 1995: strong).
 const CLASS: f64 = 3.0;
-/// Share of the gap that stays, above which what was named is not what is there.
-const MOST: f64 = 0.5;
 /// Alternatives that are listed.
 const LISTED: usize = 5;
 
