@@ -156,14 +156,33 @@ fn a_limit_of_the_torque_is_found_where_no_torque_was_measured() {
         effort: false,
         ..Plan::default()
     };
-    let found = causes(&unfelt, &planted(E::TorqueLimit, Some(2), &[0.5]));
-    let first = &found.causes[0];
-    let named = (first.effect, first.joints.as_slice());
-    assert_eq!(named, (Some("torque_limit"), [2].as_slice()));
-    let [low, high] = first.values["limit_nm"].ci95;
-    assert!(low < 0.5 && 0.5 < high, "{low} to {high}");
-    let e = &found.held_out.errors["position_rmse_rad"];
-    assert!(e.after < 0.4 * e.before, "{e:?}");
+    for (limit_nm, alone) in [(1.0, true), (0.5, false)] {
+        let found = causes(&unfelt, &planted(E::TorqueLimit, Some(2), &[limit_nm]));
+        let first = &found.causes[0];
+        let named = (first.effect, first.joints.as_slice());
+        assert_eq!(named, (Some("torque_limit"), [2].as_slice()));
+        assert!(!alone || found.causes.len() == 1, "{:?}", found.causes);
+        let [low, high] = first.values["limit_nm"].ci95;
+        assert!(low < limit_nm && limit_nm < high, "{low} to {high}");
+        let e = &found.held_out.errors["position_rmse_rad"];
+        assert!(e.after < 0.4 * e.before, "{limit_nm}: {e:?}");
+    }
+}
+
+#[test]
+fn a_limit_of_the_torque_that_may_not_be_named_is_left_in_its_place() {
+    let planted = planted(E::TorqueLimit, Some(2), &[0.5]);
+    let found = causes_but(&[Effect::TorqueLimit], &Plan::default(), &planted);
+    let first = found.left.first();
+    let place = first.map(|l| (l.stage, l.joint));
+    assert_eq!(place, Some(("driver", Some(2))), "{:?}", found.left);
+    assert_eq!(
+        found.verdict,
+        Word::Unknown,
+        "{:?} {:?}",
+        found.causes,
+        found.places
+    );
 }
 
 #[test]
