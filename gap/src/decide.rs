@@ -13,6 +13,8 @@ use crate::vocabulary::Effect;
 pub const LEVEL: f64 = 0.01;
 /// Share of the squares beyond the noise that stays, above which what was named is not what is there: of joints and of robots.
 pub const MOST: f64 = 0.5;
+/// Likelihood ratios within which two causes are one class: a factor of 20 (Kass and Raftery 1995: strong).
+pub const CLASS: f64 = 3.0;
 
 /// Middle and upper tail of the evidence that robots without a cause show for one effect.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -101,7 +103,7 @@ impl From<&Cause> for Shown {
 /// that is stated (Westfall and Young 1993).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Calibration {
-    /// Always `rb.calibration/4`.
+    /// Always `rb.calibration/5`.
     pub schema: String,
     /// How the file was made.
     pub command: String,
@@ -139,7 +141,7 @@ pub enum CalibrationError {
     Few(usize),
 }
 
-const SCHEMA: &str = "rb.calibration/4";
+const SCHEMA: &str = "rb.calibration/5";
 /// Fewest robots whose strongest evidence says anything: with 19 a cause at least has p = 0.05.
 const LEAST: usize = 19;
 
@@ -418,7 +420,7 @@ mod tests {
             Calibration::parse(old),
             Err(CalibrationError::Schema(_))
         ));
-        let few = r#"{"schema":"rb.calibration/4","command":"","source":"","strongest":[1.0]}"#;
+        let few = r#"{"schema":"rb.calibration/5","command":"","source":"","strongest":[1.0]}"#;
         assert!(matches!(
             Calibration::parse(few),
             Err(CalibrationError::Few(1))

@@ -203,35 +203,6 @@ pub struct Stair {
     pub gap: f64,
 }
 
-/// Whose contacts the windows of a robot's body show.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Law {
-    /// The nominal model's: by another law windows end further off, or nothing asks for one.
-    Nominal,
-    /// Either law leaves as much.
-    Unclear,
-    /// Those of another law.
-    Other,
-}
-
-/// How the ground holds, from what either law of contacts leaves of the body's windows, in squared tolerances per number.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Contacts {
-    /// Whose.
-    pub law: Law,
-    /// What the nominal model's leave, with the effects found on them.
-    pub left_nominal: f64,
-    /// What those of the other law leave, with the effects found on them; null where nothing asks for them.
-    pub left_other: Option<f64>,
-    /// What stays where windows may end off by what contacts of any make do; null where that was not asked.
-    pub left_any_make: Option<f64>,
-    /// Contacts of the patch: friction is limited by a pyramid inside Coulomb's cone.
-    pub friction_pyramid: bool,
-    /// Contacts of the patch: creep of a point that sticks, m/s per N.
-    pub contact_slip_m_s_n: f64,
-}
-
 /// Where the figures come from.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Provenance {
@@ -287,9 +258,6 @@ pub struct Verdict {
     pub pulled: BTreeMap<String, f64>,
     /// Those of them that are the parameter of a base effect, by the effect's name, beyond three tolerances of all that is stated.
     pub displaced: Vec<Displaced>,
-    /// How the ground holds; only of a robot whose body was compared.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub contacts: Option<Contacts>,
     /// Provenance.
     pub provenance: Provenance,
 }

@@ -1,74 +1,44 @@
 //! The whole robot: six joints, body, camera, from recordings to verdict.
 //!
-//! Three tiers, each cut out of the loop by measured signals: every joint alone against loads replayed from the measured motion
-//! ([`joints`]), the body in short windows led along the measured angles ([`body`]), the camera against the measured pose. Where no
-//! tracker recorded a pose, it is read off the film first ([`film`]).
+//! The chain is cut wherever a signal was measured, and each piece is a block of prediction errors ([`blocks`]). Gears are compared along
+//! loads replayed from the measured motion, the body in short windows led along the measured angles ([`body`]), the camera against the
+//! measured pose. One search explains all blocks together ([`causes`]). Where no tracker recorded a pose, it is read off the film
+//! first ([`film`]).
 
 mod advice;
-mod answer;
-mod belief;
 mod blocks;
 mod body;
-mod body_answer;
 mod body_library;
-mod body_order;
-mod body_rest;
-mod bounce;
 mod camera;
 mod causes;
 mod clock;
-mod collapse;
 mod conventions;
-mod course;
 pub mod data;
 mod direct;
-mod drive;
 mod echo;
 pub mod experiment;
 mod film;
-mod found;
-mod friction;
+mod fit;
 mod gaits;
 pub mod inertial;
-mod intervals;
-mod joint_library;
-mod joints;
-mod last_word;
 mod least;
-#[cfg(test)]
-mod linear;
-mod loads;
 mod nominal;
-mod open;
-mod optimum;
+mod order;
 mod page;
 mod patch;
-mod places;
 mod predict;
-mod regime;
 mod replay;
-mod rivals;
-mod rough;
-mod score;
-mod screen;
-mod search;
-mod servo;
-mod stages;
-mod stand_in;
-mod steady;
-mod terms;
 mod traffic;
 mod turn;
-mod unseen;
+mod verdict;
 mod windows;
-mod witness;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use control::gait::Gait;
 use files::dataset::{Manifest, Recording, Role};
-use files::model::{Key, Model};
+use files::model::Model;
 use physics::{Params, ParamsError};
 
 use rayon::prelude::*;
@@ -80,14 +50,12 @@ use crate::report::Subject;
 use crate::verdict::Verdict;
 use crate::vocabulary::Effect;
 pub use camera::Film;
+use causes::Beside;
 pub use causes::{
     Alternative, Causes, HeldOut, Left, Nearest, Place, Probabilities, Row, Shrink, Value, Word,
 };
-use conventions::Conventions;
-use data::Data;
-use joints::Found;
+use data::{Data, JOINTS};
 pub use predict::predict;
-use stages::Task;
 
 /// Settings of a diagnosis.
 #[derive(Debug, Clone, PartialEq)]
@@ -162,30 +130,13 @@ fn split(data: &Data) -> Split {
 
 /// A diagnosis.
 pub struct Diagnosis {
-    /// The nominal model on the contacts that windows show.
+    /// The nominal model.
     model: Model,
+    causes: Causes,
     verdict: Verdict,
-    joints: Vec<score::JointRow>,
     replay: Option<replay::Replay>,
     /// What a further experiment on the ground should decide.
     question: Option<experiment::Question>,
-}
-
-/// Everything found, before it is put into words.
-struct Parts {
-    data: Arc<Data>,
-    conventions: Conventions,
-    direct: Vec<direct::Reading>,
-    /// What explains the loads of all joints as well as the reading that is named.
-    twin: Option<direct::Reading>,
-    /// Effects that must not be named.
-    withhold: Vec<Effect>,
-    split: String,
-    joints: Vec<Found>,
-    body: Option<body::Found>,
-    camera: Option<camera::Found>,
-    /// Friction of the nominal ground.
-    friction: f64,
 }
 
 impl Diagnosis {
@@ -198,26 +149,23 @@ impl Diagnosis {
     /// The nominal model with the effects found switched on, those that the simulator has.
     #[must_use]
     pub fn patch(&self) -> Model {
-        patch::patched(
-            &self.model,
-            patch::parts(&self.verdict.effects),
-            "gap report",
-        )
+        self.causes.patch(&self.model, "gap report")
     }
 
     /// The report as one page on the data set that `subject` describes.
     #[must_use]
     pub fn html(&self, subject: &Subject) -> String {
-        page::html(&self.verdict, subject, &self.joints, self.replay.as_ref())
+        let joints = &self.causes.held_out.parts.joints;
+        page::html(&self.verdict, subject, joints, self.replay.as_ref())
     }
 
-    /// Adds the error of whole runs, which no window restarts: nominal, on the contacts that windows show, and with the patch.
-    fn add_rollouts(&mut self, data: &Data, runs: &[usize], nominal: &Arc<Params>) {
-        let of = |model: &Model| Params::try_from(model).map(Arc::new);
-        let (Ok(held), Ok(patched)) = (of(&self.model), of(&self.patch())) else {
+    /// Adds what whole runs show that no window restarts, nominal and with the patch: pose, speed and, in films, silhouettes.
+    fn add_rollouts(&mut self, read: &Read<'_>) {
+        let Ok(patched) = Params::try_from(&self.patch()).map(Arc::new) else {
             return;
         };
-        let same = body::Grip::of(&held) == body::Grip::of(nominal);
+        let (data, runs) = (&read.data, &read.split.score);
+        let nominal = &read.params;
         self.replay = replay::Replay::new(data, runs, &self.model, nominal, &patched);
         let mean = |params, which: usize| {
             let v: Vec<f64> = predict::errors(data, runs, params)
@@ -226,13 +174,19 @@ impl Diagnosis {
                 .collect();
             (!v.is_empty()).then(|| crate::math::mean(&v))
         };
+        let metrics = &mut self.verdict.metrics;
         for (which, name) in [(0, "pose_rollout_rmse_m"), (1, "speed_error")] {
-            let before = mean(nominal, which);
-            let held = if same { before } else { mean(&held, which) };
-            if let (Some(before), Some(held), Some(after)) = (before, held, mean(&patched, which)) {
-                let metrics = &mut self.verdict.metrics;
-                metrics.insert(name.into(), [before, held, after]);
+            if let (Some(before), Some(after)) = (mean(nominal, which), mean(&patched, which)) {
+                metrics.insert(name.into(), [before, before, after]);
             }
+        }
+        let (films, manifest) = (read.set.films, read.set.manifest);
+        let similar =
+            |p: &Arc<Params>| film::similarity(data, films, manifest, &read.model, runs, p);
+        let off = similar(nominal).zip(similar(&patched));
+        let seen = read.similarity(&self.causes).map(<(f64, f64)>::from);
+        if let Some((before, after)) = off.or(seen) {
+            metrics.insert("similarity_r".into(), [before, before, after]);
         }
     }
 
@@ -267,47 +221,106 @@ pub struct DataSet<'a> {
     pub model: &'a Model,
 }
 
-/// Reads a data set for the search of causes and hands it to `then`, with what a cause must add and what robots
-/// without a cause differ by.
-fn asked<T>(
-    set: DataSet<'_>,
-    (withhold, calibration): (&[Effect], &Calibration),
-    then: impl FnOnce(&causes::Asked<'_>, Option<&mut body::Tier>) -> T,
-) -> Result<T, WholeError> {
-    let manifest = set.manifest;
-    let model = &manifest.stated(set.model);
-    let params = Arc::new(Params::try_from(model)?);
-    let mut data = Data::new(manifest, set.recordings, model);
-    film::track(&mut data, set.films, manifest, model, &params);
-    let data = Arc::new(data);
-    let split = split(&data);
-    if split.fit.is_empty() {
-        return Err(WholeError::Nothing);
+/// A data set that was read: joints in their own columns, with the order that body and set-points show.
+struct Read<'a> {
+    set: DataSet<'a>,
+    model: Model,
+    params: Arc<Params>,
+    data: Arc<Data>,
+    split: Split,
+    /// Column in which each joint was recorded, and whether the body shows it turned round.
+    columns: [usize; JOINTS],
+    turned: [bool; JOINTS],
+    tier: Option<body::Tier>,
+}
+
+impl<'a> Read<'a> {
+    fn new(set: DataSet<'a>) -> Result<Self, WholeError> {
+        let manifest = set.manifest;
+        let model = manifest.stated(set.model);
+        let params = Arc::new(Params::try_from(&model)?);
+        let mut data = Data::new(manifest, set.recordings, &model);
+        film::track(&mut data, set.films, manifest, &model, &params);
+        let split = split(&data);
+        if split.fit.is_empty() {
+            return Err(WholeError::Nothing);
+        }
+        let new = |data: &Data| body::Tier::new(data, &model, &params, &split.fit);
+        let mut tier = new(&data);
+        let (mut columns, mut turned) = (std::array::from_fn(|k| k), [false; JOINTS]);
+        if let Some(found) = &mut tier {
+            let all = body_library::coordinates(&model);
+            let nominal: Vec<f64> = all.iter().map(|c| c.neutral).collect();
+            order::find(found, &nominal, &order::motors(&data, &split.fit));
+            if !found.as_told() {
+                let maps = found.maps;
+                (columns, turned) = (found.order, maps.map(|m| m.ratio < 0.0));
+                data = data.reordered(&columns);
+                tier = new(&data).map(|own| own.mapped(&data, maps, nominal));
+            }
+        }
+        Ok(Self {
+            data: Arc::new(data),
+            set,
+            model,
+            params,
+            split,
+            columns,
+            turned,
+            tier,
+        })
     }
-    let mut conventions = conventions::find(&data);
-    let mut direct = Vec::new();
-    echo::read(&data, &mut conventions, &[], &mut direct);
-    let mut tier = body::Tier::new(&data, model, &params, &split.fit);
-    let camera = camera::Tier::new(&data, manifest, model, set.films, &split.fit);
-    let block = |tier| blocks::camera::block(tier, &camera::coordinates(manifest, model));
-    let films = (
-        camera.as_ref().map(block),
-        camera.as_ref().and_then(camera::dropped),
-    );
-    let asked = causes::Asked {
-        data: &data,
-        model,
-        params: &params,
-        conventions: &conventions,
-        direct: &direct,
-        films: &films,
-        runs: &split.fit,
-        held: &split.score,
-        split: &split.how,
-        withhold,
-        calibration,
-    };
-    Ok(then(&asked, tier.as_mut()))
+
+    /// Hands the question to `then`, with what a cause must add and what robots without a cause differ by.
+    fn ask<T>(
+        &mut self,
+        (withhold, calibration): (&[Effect], &Calibration),
+        then: impl FnOnce(&causes::Asked<'_>, Option<&mut body::Tier>) -> T,
+    ) -> T {
+        let (manifest, films) = (self.set.manifest, self.set.films);
+        let data = &self.data;
+        let mut conventions = conventions::find(data);
+        let mut direct = Vec::new();
+        echo::read(data, &mut conventions, &mut direct);
+        let camera = camera::Tier::new(data, manifest, &self.model, films, &self.split.fit);
+        let block = |tier| blocks::camera::block(tier, &camera::coordinates(manifest, &self.model));
+        let films = (
+            camera.as_ref().map(block),
+            camera.as_ref().and_then(camera::dropped),
+        );
+        let asked = causes::Asked {
+            data,
+            model: &self.model,
+            params: &self.params,
+            conventions: &conventions,
+            direct: &direct,
+            columns: self.columns,
+            turned: self.turned,
+            films: &films,
+            runs: &self.split.fit,
+            held: &self.split.score,
+            split: &self.split.how,
+            withhold,
+            calibration,
+        };
+        then(&asked, self.tier.as_mut())
+    }
+
+    /// Similarity of the films with the measured pose as the stated camera sees it, and as one with the `causes` does.
+    fn similarity(&self, causes: &Causes) -> Option<[f64; 2]> {
+        let (manifest, runs) = (self.set.manifest, &self.split.score);
+        let camera = camera::Tier::new(&self.data, manifest, &self.model, self.set.films, runs)?;
+        let stated: Vec<f64> = camera::coordinates(manifest, &self.model)
+            .iter()
+            .map(|c| c.neutral)
+            .collect();
+        let mut found = stated.clone();
+        for (effect, _, values) in causes.causes.iter().flat_map(Row::parts) {
+            camera::put(&mut found, effect, &values);
+        }
+        let mean = |theta: &[f64]| crate::math::mean(&camera.similarity(theta));
+        Some([mean(&stated), mean(&found)])
+    }
 }
 
 /// Names the causes of a robot's gap, those that joints share as one: `rb.gap/2`.
@@ -319,8 +332,11 @@ pub fn name_causes(
     withhold: &[Effect],
     calibration: &Calibration,
 ) -> Result<Causes, WholeError> {
-    let (found, held_out) = asked(set, (withhold, calibration), causes::explain)?;
-    Ok(found.rows(calibration, held_out))
+    let mut read = Read::new(set)?;
+    let found = read.ask((withhold, calibration), |asked, tier| {
+        causes::explain(asked, tier, &|_| {})
+    });
+    Ok(found.0)
 }
 
 /// Blocks of a robot without a cause around its nominal model: what [`Spreads::learned`] learns from.
@@ -329,9 +345,10 @@ pub fn name_causes(
 /// As [`diagnose`].
 pub fn null_blocks(set: DataSet<'_>) -> Result<Vec<White>, WholeError> {
     let calibration = Calibration::shipped();
-    asked(set, (&[], &calibration), |asked, tier| {
+    let mut read = Read::new(set)?;
+    Ok(read.ask((&[], &calibration), |asked, tier| {
         asked.nominal_blocks(tier)
-    })
+    }))
 }
 
 /// What robots without a cause, each by its [`null_blocks`], differ by, and how strong a cause they seem to have. The
@@ -366,14 +383,11 @@ pub fn calibrated(
 const FOLDS: usize = 10;
 
 /// Phases of a diagnosis of a robot, in order.
-pub const PHASES: [&str; 7] = [
+pub const PHASES: [&str; 4] = [
     "reading the signals",
-    "replaying the loads of the joints",
-    "searching each joint",
-    "searching body and joints together",
-    "comparing the films",
+    "searching causes",
     "playing the held-out runs",
-    "weighing what was found",
+    "playing whole runs",
 ];
 
 /// Diagnoses a whole robot.
@@ -381,13 +395,11 @@ pub const PHASES: [&str; 7] = [
 /// # Errors
 /// When nothing can be compared, or the nominal model cannot be simulated.
 pub fn diagnose(
-    manifest: &Manifest,
-    recordings: &[Recording],
-    films: &[Film],
-    model: &Model,
+    set: DataSet<'_>,
     settings: &Settings,
+    calibration: &Calibration,
 ) -> Result<Diagnosis, WholeError> {
-    diagnose_watched((manifest, recordings, films), model, settings, &|_| {})
+    diagnose_watched(set, settings, calibration, &|_| {})
 }
 
 /// The same; `begins` hears the number in [`PHASES`] of each phase as it begins.
@@ -395,80 +407,34 @@ pub fn diagnose(
 /// # Errors
 /// As [`diagnose`].
 pub fn diagnose_watched(
-    (manifest, recordings, films): (&Manifest, &[Recording], &[Film]),
-    model: &Model,
+    set: DataSet<'_>,
     settings: &Settings,
+    calibration: &Calibration,
     begins: &dyn Fn(usize),
 ) -> Result<Diagnosis, WholeError> {
-    let model = &manifest.stated(model);
-    let params = Arc::new(Params::try_from(model)?);
-    let task = Task {
-        manifest,
-        films,
-        model,
-        settings,
-        params: Arc::clone(&params),
-    };
     begins(0);
-    let mut seen = task.see(recordings)?;
-    begins(1);
-    let mut loads = task.loads(&mut seen);
-    begins(2);
-    let mut joints = task.joints(&seen, &loads);
+    let mut read = Read::new(set)?;
+    let (causes, beside) = read.ask((&settings.withhold, calibration), |asked, tier| {
+        causes::explain(asked, tier, begins)
+    });
     begins(3);
-    let twin = task.together(&mut seen, &joints, &mut loads);
-    if joints.is_empty() && seen.body.is_none() {
-        return Err(WholeError::Nothing);
-    }
-    begins(4);
-    let camera = camera::Tier::new(&seen.data, manifest, model, films, &seen.split.fit)
-        .map(|tier| camera::diagnose(tier, manifest, model, &settings.withhold));
-    begins(5);
-    let score = task.score(&seen, &joints, &loads, camera.is_some());
-    last_word::refuted(&score, &mut joints, seen.body.is_some());
-    let (fit_runs, score_runs) = (seen.split.fit, seen.split.score);
-    begins(6);
-    // All that follows plays whole runs on the contacts that windows show.
-    let held = seen.body.as_ref().map(|b| b.tier.grip().on(model));
-    let nominal = model;
-    let model = held.as_ref().unwrap_or(nominal);
-    let mut parts = Parts {
-        body: seen.body,
-        camera,
-        data: seen.data,
-        conventions: seen.conventions,
-        direct: seen.direct,
-        twin,
-        withhold: settings.withhold.clone(),
-        split: seen.split.how,
-        joints,
-        friction: model.value(Key::Friction),
+    let told = verdict::Told {
+        data: &read.data,
+        found: &causes,
+        beside: &beside,
+        seed: settings.seed,
     };
-    let (mut verdict, mut joints) = answer::verdict(&parts, &score, settings);
-    if collapse::refuted(&mut parts, &verdict, model, (&score, &score_runs)) {
-        (verdict, joints) = answer::verdict(&parts, &score, settings);
-    }
-    if witness::borne_out(&mut parts, &verdict, model, &fit_runs) {
-        (verdict, joints) = answer::verdict(&parts, &score, settings);
-    }
+    let verdict = told.verdict();
+    let Beside {
+        open, torque_nm, ..
+    } = beside;
     let mut out = Diagnosis {
-        model: model.clone(),
+        model: read.model.clone(),
+        causes,
         verdict,
-        joints,
         replay: None,
-        question: None,
+        question: open.map(|open| experiment::Question::new(open, &read.data, torque_nm)),
     };
-    let open = rivals::open(&parts, &out.verdict, model);
-    out.question = open.map(|open| experiment::Question::new(open, &parts));
-    out.add_rollouts(&parts.data, &score_runs, &params);
-    let similar = |params: &Arc<Params>| {
-        film::similarity(&parts.data, films, manifest, nominal, &score_runs, params)
-    };
-    if let (Some(before), Ok(patched)) = (similar(&params), Params::try_from(&out.patch()))
-        && let Some(after) = similar(&Arc::new(patched))
-    {
-        let metrics = &mut out.verdict.metrics;
-        metrics.insert("similarity_r".into(), [before, before, after]);
-    }
+    out.add_rollouts(&read);
     Ok(out)
 }

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::Explained;
 use super::library::Hypothesis;
 use super::search::Set;
-use crate::decide::{Calibration, LEVEL, MOST, Shown};
+use crate::decide::{CLASS, Calibration, LEVEL, MOST, Shown};
 use crate::evidence::cause::Scope;
 use crate::names;
 use crate::vocabulary::Effect;
@@ -100,12 +100,11 @@ impl Read {
             asked: calibration.least(),
             alternatives: Vec::new(),
             without: BTreeMap::new(),
+            alone: BTreeMap::new(),
         }
     }
 }
 
-/// Likelihood ratios within which two causes are one class: a factor of 20 (Kass and Raftery 1995: strong).
-const CLASS: f64 = 3.0;
 /// Alternatives that are listed.
 const LISTED: usize = 5;
 
@@ -247,6 +246,7 @@ impl Explained {
             asked: calibration.least(),
             alternatives,
             without: BTreeMap::new(),
+            alone: BTreeMap::new(),
         }
     }
 

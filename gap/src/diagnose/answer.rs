@@ -417,7 +417,6 @@ pub(super) fn empty() -> Verdict {
         next_experiment: None,
         pulled: BTreeMap::new(),
         displaced: Vec::new(),
-        contacts: None,
         provenance: Provenance {
             tool: concat!("gap ", env!("CARGO_PKG_VERSION")).into(),
             commit: None,

@@ -244,27 +244,36 @@ fn shared(
 /// slack: what the model states, and what robots without a cause show.
 #[must_use]
 pub fn shared_slack(blocks: &[Block], spreads: &Spreads) -> Vec<Cause> {
-    let mut keys: Vec<(String, f64, Entries)> = Vec::new();
+    // By key, means and spreads of the columns.
+    let mut keys: Vec<(String, [Entries; 2])> = Vec::new();
+    let mut add = |key: &str, (b, c): (usize, usize), [mean, spread]: [f64; 2]| {
+        let at = keys.iter().position(|k| k.0 == key).unwrap_or_else(|| {
+            keys.push((key.to_owned(), [Entries::new(), Entries::new()]));
+            keys.len() - 1
+        });
+        let [means, latents] = &mut keys[at].1;
+        latents.push((b, c, spread));
+        if mean != 0.0 {
+            means.push((b, c, mean));
+        }
+    };
     for (b, block) in blocks.iter().enumerate() {
         for (c, column) in block.columns.iter().enumerate() {
-            let stated = (column.shared_slack > 0.0)
-                .then(|| (column.slack_key.to_owned(), column.shared_slack));
-            let learned = spreads.alike(&block.site, column);
-            for (key, spread) in stated.into_iter().chain(learned) {
-                match keys.iter_mut().find(|k| k.0 == key) {
-                    Some(own) => own.2.push((b, c, spread)),
-                    None => keys.push((key, spread, vec![(b, c, spread)])),
-                }
+            if column.shared_slack > 0.0 {
+                add(column.slack_key, (b, c), [0.0, column.shared_slack]);
+            }
+            if let Some(own) = spreads.alike(&block.site, column) {
+                add(&own.name, (b, c), [own.mean, own.spread]);
             }
         }
     }
-    let one = |(_, _, entries): (String, f64, Entries)| Cause {
+    let one = |(_, [mean, latent]): (String, [Entries; 2])| Cause {
         effect: None,
         scope: Scope::Robot,
         joints: Vec::new(),
         fixed: Vec::new(),
-        latents: vec![entries],
-        mean: Vec::new(),
+        latents: vec![latent],
+        mean,
         numbers: Vec::new(),
         positive: false,
         log_prior: 0.0,

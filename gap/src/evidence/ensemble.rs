@@ -41,15 +41,27 @@ const AROUND: [f64; 5] = [0.5, 0.7, 1.0, 1.4, 2.0];
 pub struct Spreads {
     /// By name of the column, in units of its coefficient: of each joint by itself.
     pub columns: BTreeMap<String, f64>,
-    /// The same of what all joints of a robot have alike, in the order in which they were found.
+    /// What all joints of a robot have alike, in the order in which they were found.
     #[serde(default)]
-    pub shared: Vec<(String, f64)>,
+    pub shared: Vec<Alike>,
     /// Model error in any one direction, as a share of the noise, by kind of block.
     #[serde(default)]
     pub model_error: BTreeMap<String, f64>,
 }
 
-/// Logarithm of the likelihood ratio over all robots from which a difference counts as one that joints share.
+/// What all joints of a robot have alike in one column of theirs.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Alike {
+    /// Name of the column.
+    pub name: String,
+    /// What robots without a cause have in the middle: where a replay is wrong in one direction, in other simulators too.
+    pub mean: f64,
+    /// Standard deviation around it.
+    pub spread: f64,
+}
+
+/// Logarithm of the likelihood ratio over all robots from which a difference counts as one that joints share, or its
+/// mean as one.
 const SHARED: f64 = 10.0;
 /// Most of them.
 const MOST: usize = 24;
@@ -181,11 +193,11 @@ impl Spreads {
         block.columns.iter().map(one).collect()
     }
 
-    /// Name and standard deviation of what all joints have alike in a column of theirs.
+    /// What all joints have alike in a column of theirs.
     #[must_use]
-    pub fn alike(&self, site: &Site, column: &Column) -> Option<(String, f64)> {
+    pub fn alike(&self, site: &Site, column: &Column) -> Option<&Alike> {
         let own = name(site, column).filter(|_| site.joint.is_some())?;
-        self.shared.iter().find(|s| s.0 == own).cloned()
+        self.shared.iter().find(|s| s.name == own)
     }
 
     /// Share by which the products of a block count, for its model error, where causes explain the square `explained`
@@ -280,26 +292,31 @@ impl Spreads {
     }
 
     /// What all joints of a robot have alike: the differences that explain most, one after the other.
-    fn common(&self, robots: &[Vec<White>]) -> Vec<(String, f64)> {
+    fn common(&self, robots: &[Vec<White>]) -> Vec<Alike> {
         let mut robots: Vec<Sums> = robots.par_iter().map(|r| self.sums(r)).collect();
         let mut names: Vec<String> = robots.iter().flat_map(|r| r.names.clone()).collect();
         names.sort_unstable();
         names.dedup();
-        let mut out: Vec<(String, f64)> = Vec::new();
+        let mut out: Vec<Alike> = Vec::new();
         while out.len() < MOST {
             let best = names
                 .par_iter()
                 .map(|n| {
                     let own: Vec<[f64; 2]> = robots.iter().filter_map(|r| r.of(n)).collect();
-                    let spread = likeliest(&own);
-                    (likelihood(&own, spread), spread, n)
+                    let [mean, spread] = likeliest(&own);
+                    (likelihood(&own, [mean, spread]), n, [mean, spread])
                 })
-                .max_by(|a, b| a.0.total_cmp(&b.0).then_with(|| b.2.cmp(a.2)));
-            let Some((_, spread, n)) = best.filter(|b| b.0 > SHARED) else {
+                .max_by(|a, b| a.0.total_cmp(&b.0).then_with(|| b.1.cmp(a.1)));
+            let Some((_, n, [mean, spread])) = best.filter(|b| b.0 > SHARED) else {
                 break;
             };
-            out.push((n.clone(), spread));
-            robots.par_iter_mut().for_each(|r| r.take(n, spread));
+            let found = Alike {
+                name: n.clone(),
+                mean,
+                spread,
+            };
+            robots.par_iter_mut().for_each(|r| r.take(&found));
+            out.push(found);
         }
         out
     }
@@ -373,20 +390,24 @@ struct Sums {
 }
 
 impl Sums {
-    /// Product and moment of one column.
+    /// Product and moment of one column; `None` where it shows nothing.
     fn of(&self, name: &String) -> Option<[f64; 2]> {
         let i = self.names.binary_search(name).ok()?;
-        Some([self.products[i * self.names.len() + i], self.moments[i]])
+        let product = self.products[i * self.names.len() + i];
+        (product > 0.0).then_some([product, self.moments[i]])
     }
 
-    /// Takes out what a column explains that has a spread.
-    fn take(&mut self, name: &String, spread: f64) {
-        let Ok(k) = self.names.binary_search(name) else {
+    /// Takes out what robots have alike.
+    fn take(&mut self, alike: &Alike) {
+        let Ok(k) = self.names.binary_search(&alike.name) else {
             return;
         };
         let n = self.names.len();
         let row = self.products[k * n..(k + 1) * n].to_vec();
-        let by = 1.0 / (row[k] + 1.0 / (spread * spread));
+        for (moment, product) in self.moments.iter_mut().zip(&row) {
+            *moment -= alike.mean * product;
+        }
+        let by = 1.0 / (row[k] + 1.0 / (alike.spread * alike.spread));
         let moment = self.moments[k];
         for i in 0..n {
             self.moments[i] -= by * row[i] * moment;
@@ -397,28 +418,43 @@ impl Sums {
     }
 }
 
-/// Logarithm of the likelihood of a spread over that of none.
-fn likelihood(robots: &[[f64; 2]], spread: f64) -> f64 {
+/// Logarithm of the likelihood of a mean and a spread over that of none.
+fn likelihood(robots: &[[f64; 2]], [mean, spread]: [f64; 2]) -> f64 {
     let variance = spread * spread;
     let one = |[product, moment]: &[f64; 2]| {
         let of = 1.0 + variance * product;
-        0.5 * variance * moment * moment / of - 0.5 * libm::log(of)
+        let off = moment - mean * product;
+        mean * moment - 0.5 * mean * mean * product + 0.5 * variance * off * off / of
+            - 0.5 * libm::log(of)
     };
     robots.iter().map(one).sum()
 }
 
-/// The spread of most likelihood; expectation and maximisation from one that shows well.
-fn likeliest(robots: &[[f64; 2]]) -> f64 {
-    let shown: f64 = robots.iter().map(|r| r[0]).sum::<f64>() / robots.len().max(1) as f64;
-    let mut variance = 100.0 / shown.max(1e-300);
+/// The mean and the spread of most likelihood; no mean where it is none by far.
+fn likeliest(robots: &[[f64; 2]]) -> [f64; 2] {
+    let [plain, with] = [false, true].map(|free| maximised(robots, free));
+    let gain = likelihood(robots, with) - likelihood(robots, plain);
+    if gain > SHARED { with } else { plain }
+}
+
+/// Expectation and maximisation from a spread that shows well; the mean is `free` or none.
+fn maximised(robots: &[[f64; 2]], free: bool) -> [f64; 2] {
+    let count = robots.len().max(1) as f64;
+    let shown: f64 = robots.iter().map(|r| r[0]).sum::<f64>() / count;
+    let (mut mean, mut variance) = (0.0, 100.0 / shown.max(1e-300));
     for _ in 0..PASSES {
         let one = |[product, moment]: &[f64; 2]| {
             let of = 1.0 / (product + 1.0 / variance);
-            of + of * of * moment * moment
+            [of * (moment + mean / variance), of]
         };
-        variance = robots.iter().map(one).sum::<f64>() / robots.len().max(1) as f64;
+        let all: Vec<[f64; 2]> = robots.iter().map(one).collect();
+        if free {
+            mean = all.iter().map(|x| x[0]).sum::<f64>() / count;
+        }
+        let square = |x: &[f64; 2]| x[1] + (x[0] - mean) * (x[0] - mean);
+        variance = all.iter().map(square).sum::<f64>() / count;
     }
-    variance.sqrt()
+    [mean, variance.sqrt()]
 }
 
 #[cfg(test)]
@@ -470,11 +506,32 @@ mod tests {
         let found = Spreads::learned(&robots);
         let dry = found.columns["drivetrain.coulomb_friction.torque_nm.0"];
         assert!((dry - 0.4).abs() < 0.04, "{found:?}");
-        let [(name, alike)] = found.shared.as_slice() else {
+        let [alike] = found.shared.as_slice() else {
             panic!("{found:?}");
         };
-        assert_eq!(name, "drivetrain.viscous_friction.nm_s_rad.0");
-        assert!((alike - 0.5).abs() < 0.15, "{found:?}");
+        assert_eq!(alike.name, "drivetrain.viscous_friction.nm_s_rad.0");
+        assert!((alike.spread - 0.5).abs() < 0.15, "{found:?}");
+        assert_eq!(alike.mean, 0.0, "{found:?}");
+    }
+
+    #[test]
+    fn what_all_robots_have_in_one_direction_is_their_mean() {
+        let mut rng = Rng::new(23);
+        let robots: Vec<Vec<White>> = (0..80)
+            .map(|_| {
+                let alike = 0.6 + 0.1 * rng.normal();
+                (0..6)
+                    .map(|k| joint(k, [0.4 * rng.normal(), alike], 1.0, &mut rng))
+                    .collect()
+            })
+            .collect();
+        let found = Spreads::learned(&robots);
+        let [alike] = found.shared.as_slice() else {
+            panic!("{found:?}");
+        };
+        // Each joint's own spread takes a part of what all have, seen joint by joint.
+        assert!((alike.mean / 0.6 - 1.0).abs() < 0.15, "{found:?}");
+        assert!(alike.spread < 0.2, "{found:?}");
     }
 
     #[test]

@@ -5,6 +5,7 @@ use rayon::prelude::*;
 use super::block::Block;
 use super::cause::{Cause, Entries};
 use super::linear::{cholesky, forward, inverse, log_determinant};
+use crate::math::Rng;
 
 /// Sets that are kept at every size.
 const BEAM: usize = 6;
@@ -40,6 +41,18 @@ pub struct Posterior {
     pub mean: Vec<f64>,
     /// Covariance, row-major.
     pub covariance: Vec<f64>,
+}
+
+impl Posterior {
+    /// Latent numbers drawn from it.
+    #[must_use]
+    pub fn drawn(&self, rng: &mut Rng) -> Vec<f64> {
+        let n = self.mean.len();
+        let l = cholesky(&self.covariance, n);
+        let z: Vec<f64> = (0..n).map(|_| rng.normal()).collect();
+        let row = |i: usize| (0..=i).map(|j| l[i * n + j] * z[j]).sum::<f64>();
+        (0..n).map(|i| self.mean[i] + row(i)).collect()
+    }
 }
 
 /// What else a member may be.
@@ -100,9 +113,10 @@ impl Problem<'_> {
         let latents: Vec<&Entries> = own
             .chain(self.always.iter().flat_map(|c| &c.latents))
             .collect();
-        let mean: Entries = members
-            .iter()
-            .flat_map(|m| self.causes[*m].mean.clone())
+        let given = members.iter().map(|m| &self.causes[*m]);
+        let mean: Entries = given
+            .chain(self.always)
+            .flat_map(|c| c.mean.clone())
             .filter(|e| e.2 != 0.0)
             .collect();
         let n = latents.len();
@@ -170,11 +184,16 @@ impl Problem<'_> {
     /// Block, column and mean of every coefficient that each member of a set moves, and of those that are always there.
     #[must_use]
     pub fn by_member(&self, members: &[usize]) -> (Vec<Entries>, Entries) {
-        let posterior = self.posterior(members);
-        let mut means = posterior.mean.iter();
+        self.with_latents(members, &self.posterior(members).mean)
+    }
+
+    /// The same where the latent numbers are these.
+    #[must_use]
+    pub fn with_latents(&self, members: &[usize], latents: &[f64]) -> (Vec<Entries>, Entries) {
+        let mut latents = latents.iter();
         let mut of = |cause: &Cause| -> Entries {
             let mut out = cause.mean.clone();
-            for (latent, by) in cause.latents.iter().zip(&mut means) {
+            for (latent, by) in cause.latents.iter().zip(&mut latents) {
                 out.extend(latent.iter().map(|(b, c, w)| (*b, *c, by * w)));
             }
             out
@@ -374,7 +393,6 @@ mod tests {
     use super::*;
     use crate::evidence::block::{Column, Segment, Site, White};
     use crate::evidence::cause::{Group, Scope, causes};
-    use crate::math::Rng;
     use crate::vocabulary::{Effect, Stage};
 
     /// A joint's block of white errors: `size` of dry friction and none of another effect.

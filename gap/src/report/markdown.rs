@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use super::page::otherwise;
 use super::stairs::{before, steps};
 use super::subject::Subject;
-use super::words::{capital, contacts, floor_explained, listed, metric, metric_row, number};
+use super::words::{capital, floor_explained, listed, metric, metric_row, number};
 use super::{place, regimes};
 use crate::sentence::{Cause, causes};
 use crate::verdict::Verdict;
@@ -154,9 +154,6 @@ fn details(s: &mut String, v: &Verdict) {
     }
     table(s, &rows);
     regimes::markdown(s, v);
-    if let Some(c) = &v.contacts {
-        paragraph(s, &contacts(c));
-    }
     if !v.unseen.is_empty() {
         s.push_str("\nThese recordings could not show:\n\n");
     }

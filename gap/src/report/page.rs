@@ -8,8 +8,7 @@ use super::stairs::{Step, before, steps};
 use super::style::HEAD;
 use super::subject::Subject;
 use super::words::{
-    capital, contacts, escape, floor, listed, metric, metric_row, number, parameter, quantity,
-    regime, size,
+    capital, escape, floor, listed, metric, metric_row, number, parameter, quantity, regime, size,
 };
 use crate::sentence::{Cause, causes, percent, sure};
 use crate::verdict::{Verdict, Where, Word};
@@ -350,13 +349,6 @@ fn details(s: &mut String, v: &Verdict, subject: &Subject, evidence: &Evidence) 
     regimes::html(&mut map, v);
     folded(s, "Errors by regime of the motion", &map);
     folded(s, "All metrics", &metrics(v));
-    if let Some(c) = &v.contacts {
-        folded(
-            s,
-            "Contacts with the ground",
-            &format!("<p>{}</p>", escape(&contacts(c))),
-        );
-    }
     folded(s, "What these recordings could not show", &unseen(v));
     let p = &v.provenance;
     let commit = p.commit.as_deref().unwrap_or("commit not known");

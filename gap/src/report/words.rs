@@ -1,6 +1,6 @@
 //! Numbers, units and names as a tired person reads them: three digits, mrad, mm, ms and N m.
 
-use crate::verdict::{Contacts, Law, Verdict, Where};
+use crate::verdict::{Verdict, Where};
 
 /// Three significant digits.
 pub(crate) fn number(x: f64) -> String {
@@ -119,46 +119,6 @@ pub(super) fn capital(text: &str) -> String {
     })
 }
 
-/// How the ground holds, and what that follows from.
-pub(super) fn contacts(c: &Contacts) -> String {
-    let own = number(c.left_nominal);
-    let mut out = format!(
-        "On the nominal model's contacts, windows of the body leave {own} squared tolerances a number"
-    );
-    match c.left_other {
-        None => out.push_str("; nothing asks for contacts of another law."),
-        Some(other) => {
-            let whose = match c.law {
-                Law::Nominal => "the contacts are the nominal model's",
-                Law::Unclear => "both laws explain them as well",
-                Law::Other => "the contacts are of another law than the nominal model's",
-            };
-            let (other, ratio) = (number(other), number(other / c.left_nominal));
-            out.push_str(&format!(
-                ", on contacts of the other law {other} (ratio {ratio}): {whose}."
-            ));
-        }
-    }
-    if let Some(left) = c.left_any_make {
-        let left = number(left);
-        out.push_str(&format!(
-            " Beyond what contacts of any simulator explain, {left} stay."
-        ));
-    }
-    if c.law == Law::Other {
-        let limit = if c.friction_pyramid {
-            "a pyramid of friction"
-        } else {
-            "a round cone of friction"
-        };
-        let slip = number(c.contact_slip_m_s_n);
-        out.push_str(&format!(
-            " The patch has {limit} and a creep of {slip} m/s per N."
-        ));
-    }
-    out
-}
-
 /// Text that stands in HTML as it is; no line breaks before a per cent sign.
 pub(crate) fn escape(text: &str) -> String {
     text.replace('&', "&amp;")
@@ -188,7 +148,7 @@ const UNITS: [(&str, &str); 15] = [
 ];
 
 /// Name and unit of a parameter key: `delay_s` is `delay` in `s`; what carries no unit has none.
-pub(super) fn parameter(key: &str) -> (String, &'static str) {
+pub(crate) fn parameter(key: &str) -> (String, &'static str) {
     for (end, unit) in UNITS {
         if key == end {
             return ("size".into(), unit);
@@ -323,31 +283,6 @@ mod tests {
         ];
         for (count, text) in table {
             assert_eq!(listed(&names[..count], 3, "and"), text);
-        }
-    }
-
-    #[test]
-    fn contacts_are_reported_with_what_either_law_leaves() {
-        let of = |law, left_other| Contacts {
-            law,
-            left_nominal: 4.0,
-            left_other,
-            left_any_make: left_other.map(|_| 2.5),
-            friction_pyramid: law == Law::Other,
-            contact_slip_m_s_n: if law == Law::Other { 0.002 } else { 0.0 },
-        };
-        for (c, says, not) in [
-            (of(Law::Nominal, None), "nothing asks", "patch"),
-            (of(Law::Nominal, Some(5.0)), "ratio 1.25", "patch"),
-            (of(Law::Unclear, Some(4.2)), "both laws", "patch"),
-            (
-                of(Law::Other, Some(3.2)),
-                "creep of 0.00200 m/s per N",
-                "asks",
-            ),
-        ] {
-            let text = contacts(&c);
-            assert!(text.contains(says) && !text.contains(not), "{text}");
         }
     }
 

@@ -8,14 +8,12 @@ use std::sync::Arc;
 use files::model::Model;
 use physics::{Outcome, Params, Robot, Trial};
 
-pub(super) use super::body_answer::{Found, diagnose};
 use super::body_library::coordinates;
 use super::data::{Data, JOINTS};
-use super::search::Evaluate;
+use super::fit::Evaluate;
 use super::windows::{self, LinkMap, PERIOD_S, Window};
 use super::{inertial, turn};
 use crate::math;
-pub(super) use contacts::Grip;
 use target::{Target, floor, numbers, sample_index, simulated, spread_by};
 
 /// Coordinates of the body; those of the joints follow, four per joint.
@@ -85,8 +83,6 @@ const FIT_S: f64 = 150.0;
 /// (docs/physics.md: 2 mm after 1 s at the median).
 const FLOOR: [f64; 3] = [0.6e-3, 0.01, 2.5e-3];
 const FLOOR_BLIND: [f64; 3] = [1.0e-3, 0.03, 6.0e-3];
-/// From the narrowest to the widest, which is for robots whose contacts follow another law than the simulator's.
-const FLOORS: [[f64; 3]; 3] = [FLOOR, FLOOR_BLIND, [2.0e-3, 0.06, 12.0e-3]];
 /// Grounds on which windows are measured, 1 / stiffness of a contact point, m/N: hard, then from firm foam to soft.
 pub(super) const SOFTER: [f64; 4] = [0.0, 3e-4, 1e-3, 3e-3];
 /// Windows whose end moves by more than this under a disturbed start are left out, m: they are about to tip.
@@ -94,10 +90,6 @@ const CHAOTIC_M: f64 = 0.02;
 
 /// Covariance of the numbers of a window without the floor, and the way to each instant, m.
 type Spread = (Vec<f64>, [f64; SAMPLES]);
-
-/// Candidates are ranked by at least this many windows, and by one in so many at least.
-const GLIMPSE: usize = 50;
-const THINNEST: usize = 3;
 
 /// Numbers compared in a window.
 pub(super) const NUMBERS: usize = 6 * SAMPLES;
@@ -121,8 +113,6 @@ pub(super) struct Tier {
     floor: [f64; 3],
     /// Windows start from the inertial sensor.
     sensed: bool,
-    /// How its contacts hold.
-    grip: Grip,
     pub(super) group: Vec<usize>,
     pub(super) groups: usize,
     pub(super) maps: [LinkMap; JOINTS],
@@ -164,7 +154,6 @@ impl Tier {
             factors: Vec::new(),
             floor: FLOOR,
             sensed: false,
-            grip: Grip::of(params),
             groups: names.len(),
             all: (windows.clone(), group.clone()),
             group,
@@ -180,7 +169,7 @@ impl Tier {
             (theta[B::Roll as usize], theta[B::Pitch as usize]) = (roll, pitch);
         }
         out.sensed = out.inertial(data);
-        out.floor = out.told_floor();
+        out.floor = out.own_floor();
         out.settle(data, theta);
         (!out.windows.is_empty()).then_some(out)
     }
@@ -269,16 +258,6 @@ impl Tier {
         }
     }
 
-    /// Takes the next wider floor; whether there is one.
-    pub(super) fn widen(&mut self) -> bool {
-        let Some(next) = FLOORS.iter().find(|f| f[2] > self.floor[2]) else {
-            return false;
-        };
-        self.floor = *next;
-        self.weigh();
-        true
-    }
-
     /// What a window is compared with, its covariance without the floor, and the ways; `None` where it tips.
     fn target(
         &self,
@@ -347,18 +326,19 @@ impl Tier {
         math::mean(&all).sqrt()
     }
 
+    /// The tier with signs that were found.
+    pub(super) fn mapped(mut self, data: &Data, maps: [LinkMap; JOINTS], theta: Vec<f64>) -> Self {
+        self.maps = maps;
+        self.settle(data, theta);
+        self
+    }
+
     /// Takes order and signs found elsewhere.
     pub(super) fn adopt(&mut self, other: &Self) {
         self.maps = other.maps;
         self.order = other.order;
         self.floor = other.floor;
-        self.grip = other.grip;
         self.weigh();
-    }
-
-    /// Whether the tolerances are those of an inertial sensor on contacts that the simulator knows.
-    pub(super) fn exact(&self) -> bool {
-        self.floor == FLOOR
     }
 
     /// Whether all joints read in the order and the sense that they should.
@@ -381,7 +361,6 @@ impl Tier {
         {
             p = with;
         }
-        self.grip.put(&mut p);
         p.friction *= get(B::Friction);
         p.bounce = get(B::Bounce);
         p.erp = get(B::Erp);
@@ -508,40 +487,24 @@ impl Tier {
         super::least::cost(&self.residuals_of(theta, thin))
     }
 
-    /// Position error at the end of every window that could be played, m.
-    pub(super) fn ends_m(&self, theta: &[f64]) -> Vec<f64> {
-        self.each_end_m(theta).into_iter().flatten().collect()
+    /// The gait whose windows leave most, and their cost.
+    pub(super) fn worst(&self, theta: &[f64]) -> Option<(usize, f64)> {
+        let costs = super::least::group_costs(&self.residuals(theta));
+        let (group, cost) = (0..).zip(costs).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let at = self.group.iter().position(|g| *g == group)?;
+        Some((self.windows[at].gait, cost))
     }
 
-    /// The same of every window.
-    pub(super) fn each_end_m(&self, theta: &[f64]) -> Vec<Option<f64>> {
+    /// Error of position and heading at the end of every window, m and rad; `None` for one that could not be played.
+    pub(super) fn ends(&self, theta: &[f64]) -> Vec<Option<[f64; 2]>> {
         let outcomes = windows::run(&self.trials(theta), &windows::options(false));
         let one = |(o, t): (&Outcome, &[Target; SAMPLES])| {
-            let (p, _) = simulated(o, SAMPLES - 1)?;
-            let d = (0..3).map(|k| (p[k] - t[SAMPLES - 1].pose.0[k]).powi(2));
-            Some(d.sum::<f64>().sqrt())
+            let (p, q) = simulated(o, SAMPLES - 1)?;
+            let last = &t[SAMPLES - 1];
+            let off = (0..3).map(|k| (p[k] - last.pose.0[k]).powi(2));
+            Some([off.sum::<f64>().sqrt(), turn::between(last.pose.1, q)[2]])
         };
         outcomes.iter().zip(&self.targets).map(one).collect()
-    }
-
-    /// Position and heading error at the end of every window, by group: RMS, m and rad.
-    pub(super) fn errors(&self, theta: &[f64]) -> Vec<[f64; 2]> {
-        let outcomes = windows::run(&self.trials(theta), &windows::options(false));
-        let mut sums = vec![[0.0f64; 3]; self.groups];
-        for ((o, t), g) in outcomes.iter().zip(&self.targets).zip(&self.group) {
-            let last = &t[SAMPLES - 1];
-            if let Some((p, q)) = simulated(o, SAMPLES - 1) {
-                let r = turn::between(last.pose.1, q);
-                let d: f64 = (0..3).map(|k| (p[k] - last.pose.0[k]).powi(2)).sum();
-                sums[*g][0] += d;
-                sums[*g][1] += r[2] * r[2];
-                sums[*g][2] += 1.0;
-            }
-        }
-        sums.iter()
-            .filter(|s| s[2] > 0.0)
-            .map(|s| [(s[0] / s[2]).sqrt(), (s[1] / s[2]).sqrt()])
-            .collect()
     }
 }
 
@@ -578,9 +541,5 @@ pub(super) fn temper(errors: &mut [f64]) {
 impl Evaluate for Tier {
     fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>> {
         self.residuals_of(theta, 1)
-    }
-
-    fn glimpse(&self, theta: &[f64]) -> Vec<Vec<f64>> {
-        self.residuals_of(theta, (self.len() / GLIMPSE).clamp(1, THINNEST))
     }
 }

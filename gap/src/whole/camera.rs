@@ -1,5 +1,6 @@
 //! The camera tier: silhouettes against those of the measured pose.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use camera::{Silhouette, Solid, View, similarity};
@@ -12,13 +13,11 @@ use rayon::prelude::*;
 
 use super::data::{Data, JOINTS, Run};
 use super::direct::{Reading, exact};
-use super::search::{Answer, Candidate, Coordinate, Evaluate, Limits, Search};
+use super::fit::{Coordinate, Evaluate};
 use super::windows;
 use crate::math;
+use crate::verdict::Estimate;
 use crate::vocabulary::Effect;
-
-/// Cost above which something of the camera is left that no effect explains: emulated robots without one leave 0.02 at most.
-const LEFT: f64 = 1.0;
 
 /// Silhouettes of one run.
 #[derive(Debug, Clone)]
@@ -337,12 +336,6 @@ impl Evaluate for Tier {
     }
 }
 
-/// What was found about the camera.
-pub(super) struct Found {
-    pub(super) tier: Tier,
-    pub(super) answer: Answer,
-}
-
 /// What is stated of the camera.
 pub(super) fn coordinates(manifest: &Manifest, model: &Model) -> Vec<Coordinate> {
     let known = |key: &str, default: f64, tolerance: f64| {
@@ -383,7 +376,6 @@ pub(super) fn coordinates(manifest: &Manifest, model: &Model) -> Vec<Coordinate>
             neutral,
             sigma,
             step,
-            least: step,
             range,
         })
         .collect()
@@ -397,76 +389,21 @@ pub(super) fn dropped(tier: &Tier) -> Option<Reading> {
         joint: None,
         key: "probability",
         estimate: exact(value, 1.96 * error),
-        gain: 0.0,
     })
 }
 
-/// Diagnoses the camera.
-pub(super) fn diagnose(
-    tier: Tier,
-    manifest: &Manifest,
-    model: &Model,
-    withhold: &[Effect],
-) -> Found {
-    let coordinates = coordinates(manifest, model);
-    let at = |c: C| coordinates[c as usize].neutral;
-    let one = |effect, free: &[C], starts: Vec<Vec<f64>>| Candidate {
-        effect,
-        joint: None,
-        free: free.iter().map(|c| *c as usize).collect(),
-        starts,
+/// Puts what was found about the camera into its coordinates.
+pub(super) fn put(theta: &mut [f64], effect: Effect, values: &BTreeMap<String, Estimate>) {
+    let of: &[(C, &str)] = match effect {
+        Effect::CameraHeight => &[(C::Height, "height_m")],
+        Effect::CameraOffset => &[(C::X, "x_m"), (C::Y, "y_m")],
+        Effect::CameraYaw => &[(C::Yaw, "angle_rad")],
+        Effect::CameraTimeShift => &[(C::Shift, "shift_s")],
+        _ => &[],
     };
-    let (h, x, y, yaw, shift) = (at(C::Height), at(C::X), at(C::Y), at(C::Yaw), at(C::Shift));
-    // Each starts from the neutral value too: far from a small effect Huber's loss grows too slowly for its slope to tell how deep
-    // the cost falls.
-    let mut candidates = vec![
-        one(
-            Effect::CameraHeight,
-            &[C::Height],
-            vec![vec![h], vec![0.85 * h], vec![1.15 * h]],
-        ),
-        one(
-            Effect::CameraOffset,
-            &[C::X, C::Y],
-            vec![vec![x, y], vec![x + 0.05, y + 0.05]],
-        ),
-        one(
-            Effect::CameraYaw,
-            &[C::Yaw],
-            vec![vec![yaw], vec![yaw - 0.2], vec![yaw + 0.2]],
-        ),
-        one(
-            Effect::CameraTimeShift,
-            &[C::Shift],
-            [0.0, -1.0, -0.4, 0.4, 1.0]
-                .iter()
-                .map(|s| vec![shift + s])
-                .collect(),
-        ),
-    ];
-    candidates.retain(|c| !withhold.contains(&c.effect));
-    let nominal: Vec<f64> = coordinates.iter().map(|c| c.neutral).collect();
-    let limits = Limits {
-        share: 0.12,
-        least: 0.3,
-        relative: 0.15,
-        of_first: 0.005,
-        floor: 1.0,
-        independent: (tier.frames.len() as f64).clamp(10.0, 1000.0),
-        most: 4,
-        beyond: 3.0,
-        refined: 4,
-        iterations: 4,
-        remainder: LEFT,
-        rough: false,
-    };
-    let search = Search {
-        model: &tier,
-        coordinates: &coordinates,
-        candidates: &candidates,
-        limits,
-    };
-    let base = search.fit(&nominal, &[], 3);
-    let answer = search.answer(base, nominal);
-    Found { tier, answer }
+    for (c, key) in of {
+        if let Some(found) = values.get(*key) {
+            theta[*c as usize] = found.value;
+        }
+    }
 }

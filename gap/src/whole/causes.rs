@@ -1,12 +1,16 @@
 //! Causes of a robot's gap, shared by joints or not: blocks of the chain, groups of joints, the search.
 
+mod errors;
 mod held_out;
 mod loads;
+mod open;
 mod places;
 mod readings;
 mod refine;
+mod regimes;
 mod remainder;
 mod rows;
+mod unseen;
 mod windings;
 
 use std::collections::BTreeMap;
@@ -18,9 +22,10 @@ use rayon::prelude::*;
 
 use super::blocks::{body as body_block, electrical, position, torque, transmission};
 use super::body;
-use super::conventions::Conventions;
+use super::conventions::{self, Conventions};
 use super::data::{Data, JOINTS, Track};
 use super::direct::Reading;
+use super::experiment::Open;
 use super::nominal::{inter, nominal};
 use super::windows::{LinkMap, PERIOD_S};
 use crate::decide::{Calibration, Shown};
@@ -29,16 +34,22 @@ use crate::evidence::cause::{Cause, Group, Scope, causes, shared_slack};
 use crate::evidence::ensemble::Spreads;
 use crate::evidence::search::{Found, Problem};
 use crate::evidence::settle::settled;
+use crate::verdict::{Estimate, Unseen};
 use crate::vocabulary::{Effect, Stage};
+use errors::{POSE, SIGNALS};
+pub(super) use held_out::JointRow;
 pub use held_out::{HeldOut, Shrink};
 use loads::Loads;
 pub use places::Place;
+pub(super) use places::UNEXPLAINED;
 use readings::{reading, sure};
 use refine::Passes;
 pub use remainder::Left;
 pub(super) use remainder::lefts;
 pub use rows::{Alternative, Causes, Nearest, Probabilities, Row, Value, Word};
-use windings::{effort, signals};
+use unseen::Recorded;
+use windings::effort;
+pub(super) use windings::{motor, signals};
 
 /// Order of the autoregression that whitens: 0.12 s of angles, 0.24 s of torques.
 const ORDER: usize = 6;
@@ -71,6 +82,9 @@ pub(super) struct Asked<'a> {
     pub(super) params: &'a Arc<Params>,
     pub(super) conventions: &'a Conventions,
     pub(super) direct: &'a [Reading],
+    /// Column in which each joint was recorded, and whether the body shows it turned round.
+    pub(super) columns: [usize; JOINTS],
+    pub(super) turned: [bool; JOINTS],
     /// The block of the films, and what they show at once.
     pub(super) films: &'a (Option<White>, Option<Reading>),
     pub(super) runs: &'a [usize],
@@ -89,18 +103,18 @@ impl Asked<'_> {
     }
 
     fn position(&self, k: usize, loads: &Loads, start: &[(usize, f64)]) -> Option<White> {
-        let raw = self.servo(k, loads, |inputs, known| {
+        let raw = self.servo(k, loads, |inputs, known, _| {
             position::raw(k, inputs, known, start)
         })?;
         Some(White::new(raw, ORDER))
     }
 
-    /// What `then` makes of the servo of joint `k`.
+    /// What `then` makes of the servo of joint `k` in its runs.
     fn servo<T>(
         &self,
         k: usize,
         loads: &Loads,
-        then: impl FnOnce(&[position::Input<'_>], &position::Known) -> T,
+        then: impl FnOnce(&[position::Input<'_>], &position::Known, &[usize]) -> T,
     ) -> T {
         let c = self.conventions;
         let servo = nominal(self.model, k);
@@ -131,7 +145,7 @@ impl Asked<'_> {
             })
             .collect();
         let mut applied = false;
-        let inputs: Vec<position::Input<'_>> = self
+        let (inputs, runs): (Vec<position::Input<'_>>, Vec<usize>) = self
             .runs
             .iter()
             .zip(&efforts)
@@ -141,15 +155,16 @@ impl Asked<'_> {
                 let sent = run.joints[c.order[k]].command.as_ref();
                 let heard = run.joints[c.echo_at[c.order[k]]].applied.as_ref();
                 applied |= (echo.uneven || sent.is_none()) && heard.is_some();
-                Some(position::Input {
+                let input = position::Input {
                     command: position::regular(echo.command(sent, heard)?),
                     position: run.joints[k].position.as_ref()?,
-                    load_nm: borne.as_ref().unwrap_or(&loads.makes[0][*r][k]),
+                    load_nm: borne.as_ref().unwrap_or(&loads.nominal[*r][k]),
                     load_step_s: PERIOD_S,
                     limit: effort.as_ref().map(|e| (limit_nm, e)),
-                })
+                };
+                Some((input, *r))
             })
-            .collect();
+            .unzip();
         let known = position::Known {
             nominal: servo,
             speed_tolerance: speed.tolerance / speed.value.max(1e-9),
@@ -159,7 +174,7 @@ impl Asked<'_> {
             row_s: inputs.first().map_or(0.02, |i| i.position.period_s()),
             loaded: borne.iter().all(Option::is_some) || self.tracked(),
         };
-        then(&inputs, &known)
+        then(&inputs, &known, &runs)
     }
 
     /// Torques less what the motion takes; friction of one direction has this `sense`, or the one that shows.
@@ -208,7 +223,9 @@ impl Asked<'_> {
                 Some(torque::Input {
                     position: run.joints[k].position.as_ref()?,
                     effort,
-                    load_nm: loads.makes.iter().map(|m| m[*r][k].as_slice()).collect(),
+                    load_nm: &loads.nominal[*r][k],
+                    apart_nm: &loads.weight.mean[*r][k],
+                    make_nm: &loads.make[*r][k],
                     gravity_nm: &loads.gravity[*r][k],
                     body_nm: std::iter::once(&loads.weight)
                         .chain(loads.body.iter().map(|b| &b.1))
@@ -222,6 +239,27 @@ impl Asked<'_> {
         torque::raw(k, &inputs, &known)
     }
 
+    /// Runs that show the torque of joint `k`.
+    fn torque_runs(&self, k: usize) -> Vec<usize> {
+        let motor = self.motor(k);
+        let shows = |r: &&usize| {
+            let run = &self.data.runs[**r];
+            let told = |h: electrical::Signals<'_>| h.torque_of_duty(&motor).is_some();
+            let heard = signals(run, k);
+            heard.is_some_and(|h| effort(run, k, &motor).is_some() || told(h))
+        };
+        self.runs.iter().filter(shows).copied().collect()
+    }
+
+    /// Runs that show the link of joint `k`.
+    fn link_runs(&self, k: usize) -> Vec<usize> {
+        let shows = |r: &&usize| {
+            let joint = &self.data.runs[**r].joints[k];
+            joint.position.is_some() && joint.link.is_some()
+        };
+        self.runs.iter().filter(shows).copied().collect()
+    }
+
     /// Angles of a link less those of its motor.
     fn link_errors(&self, k: usize, loads: &Loads) -> Option<Raw> {
         let inputs: Vec<transmission::Input<'_>> = self
@@ -232,7 +270,7 @@ impl Asked<'_> {
                 Some(transmission::Input {
                     position: joint.position.as_ref()?,
                     link: joint.link.as_ref()?,
-                    load_nm: &loads.makes[0][*r][k],
+                    load_nm: &loads.nominal[*r][k],
                     load_step_s: PERIOD_S,
                 })
             })
@@ -249,12 +287,14 @@ impl Asked<'_> {
         let read = |r: &Reading| reading(r, neutral(r.key));
         let all = self.direct.iter().chain(&self.films.1);
         let mut out: Vec<White> = all.map(read).collect();
-        if self.conventions.mixed() {
-            let number = super::answer::permutation(&self.conventions.order);
+        // Of columns in another order too, the column of each joint's set-points.
+        let order = self.conventions.order.map(|from| self.columns[from]);
+        if order.iter().enumerate().any(|(k, from)| k != *from) {
+            let number = conventions::permutation(&order);
             out.push(sure(Effect::JointOrder, None, ("permutation", number)));
         }
         for (k, slope) in self.conventions.slope.iter().enumerate() {
-            if slope.is_some_and(|s| s < TURNED) {
+            if self.turned[k] || slope.is_some_and(|s| s < TURNED) {
                 out.push(sure(Effect::JointSign, Some(k), ("sign", -1.0)));
             }
         }
@@ -278,10 +318,16 @@ impl Asked<'_> {
     fn settled(&self, loads: &Loads) -> [Vec<(usize, f64)>; JOINTS] {
         let one = |k: usize| {
             let block = self.position(k, loads, &[]);
-            block.map_or_else(Vec::new, |b| settled(&b, &self.calibration.spreads))
+            let own = block.map_or_else(Vec::new, |b| settled(&b, &self.calibration.spreads));
+            self.within(k, loads, own)
         };
         let each: Vec<_> = (0..JOINTS).into_par_iter().map(one).collect();
         each.try_into().unwrap_or_default()
+    }
+
+    /// Nominal numbers of the servo of joint `k`, each within its tolerance.
+    fn within(&self, k: usize, loads: &Loads, own: Vec<(usize, f64)>) -> Vec<(usize, f64)> {
+        self.servo(k, loads, |_, known, _| position::within(known, own))
     }
 
     /// Loads of the joints and block of the base around `theta` of the body.
@@ -367,8 +413,27 @@ pub(super) fn strongest(blocks: &[White], spreads: &Spreads) -> BTreeMap<Shown, 
     out
 }
 
-/// Searches the causes.
-pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> (Explained, HeldOut) {
+/// What a report shows beside the causes.
+pub(super) struct Beside {
+    /// Effects that these signals could not show.
+    pub(super) unseen: Vec<Unseen>,
+    /// What a further experiment on the ground should decide.
+    pub(super) open: Option<Open>,
+    /// Noise of each signal; of the base, what its measured starts explain.
+    pub(super) noise: BTreeMap<&'static str, f64>,
+    /// Error of a torque by joint, where torques were measured, N m.
+    pub(super) torque_nm: Vec<(usize, f64)>,
+    /// Set-points were recorded as drivers echo them.
+    pub(super) echoed: bool,
+}
+
+/// Searches the causes; `begins` hears the numbers 1 and 2 as search and comparison begin.
+pub(super) fn explain(
+    asked: &Asked<'_>,
+    tier: Option<&mut body::Tier>,
+    begins: &dyn Fn(usize),
+) -> (Causes, Beside) {
+    begins(1);
     let mut search = Passes::new(asked, tier);
     let mut out = search.pass();
     // Causes in the pass before, and whether what is found is linearised around itself.
@@ -389,12 +454,53 @@ pub(super) fn explain(asked: &Asked<'_>, tier: Option<&mut body::Tier>) -> (Expl
         search.refine(&out);
     }
     out.damping = search.posed.damping();
+    begins(2);
     let held_out = search.held_out(&out);
-    (out, held_out)
+    let beside = search.beside(&out);
+    (out.rows(asked.calibration, held_out), beside)
+}
+
+impl Passes<'_> {
+    /// What a report shows beside the causes `found`.
+    fn beside(&self, found: &Explained) -> Beside {
+        let (asked, tier) = (self.asked, self.tier.as_deref());
+        let runs = || asked.data.runs.iter();
+        let recorded = Recorded {
+            tracked: tier.is_some(),
+            filmed: asked.data.filmed(),
+            films: asked.films.0.is_some(),
+            echoed: runs().any(|r| r.joints.iter().any(|j| j.applied.is_some())),
+        };
+        let worst = tier.and_then(|tier| tier.worst(&self.posed.theta));
+        let of = |stage: Stage| {
+            let own = self.whites.iter().filter(move |w| w.site.stage == stage);
+            own.filter(|w| w.columns.len() > 1)
+        };
+        let stages = [Stage::Driver, Stage::Drivetrain, Stage::Transmission];
+        let mut noise: BTreeMap<&'static str, f64> = BTreeMap::new();
+        for (signal, stage) in SIGNALS.iter().zip(stages) {
+            let all: Vec<f64> = of(stage).map(|w| w.noise).collect();
+            if !all.is_empty() {
+                noise.insert(signal.0, crate::math::mean(&all));
+            }
+        }
+        noise.extend(tier.map(|t| (SIGNALS[POSE].0, t.tolerance_m())));
+        let torque = |w: &White| Some((w.site.joint?, w.noise * libm::hypot(1.0, w.left)));
+        Beside {
+            unseen: found.unseen(asked.calibration, asked.withhold, recorded),
+            open: found.open(asked, worst),
+            noise,
+            torque_nm: of(Stage::Drivetrain).filter_map(torque).collect(),
+            echoed: recorded.echoed,
+        }
+    }
 }
 
 /// Loads, and the block of the base.
 type World = (Loads, Option<White>);
+
+/// What a patch takes of a cause: effect, joint, parameters.
+type Part = (Effect, Option<usize>, BTreeMap<String, Estimate>);
 
 /// Effect, joints and fixed parameters of a cause.
 type Name = (Option<Effect>, Vec<usize>, Vec<(&'static str, f64)>);
@@ -447,6 +553,10 @@ impl Starts {
         let coefficients = problem.coefficients(&found.best.members);
         for (block, column, value) in coefficients {
             let site = problem.blocks[block].site;
+            if problem.blocks[block].columns[column].meaning == Meaning::Open {
+                // What no effect has cannot be played.
+                continue;
+            }
             let list = match (site.stage, site.joint) {
                 (Stage::Driver, Some(k)) if problem.blocks[block].columns.len() > 1 => {
                     &mut out.joints[k]

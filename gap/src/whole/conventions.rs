@@ -25,10 +25,6 @@ pub(super) struct Conventions {
     pub(super) offset_rad: [f64; JOINTS],
     /// The way of each joint's set-points.
     pub(super) echo: [Echo; JOINTS],
-    /// Torque per current over the nominal one ([`super::direct`]).
-    pub(super) per_ampere: [f64; JOINTS],
-    /// Resistance of each winding, ohm; 0 where the supply was not measured.
-    pub(super) winding_ohm: [f64; JOINTS],
 }
 
 impl Conventions {
@@ -40,16 +36,6 @@ impl Conventions {
             echo: [Echo::NEUTRAL; JOINTS],
             ..self.clone()
         }
-    }
-
-    /// Whether some joint follows another one's set-points.
-    pub(super) fn mixed(&self) -> bool {
-        self.order.iter().enumerate().any(|(k, from)| k != *from)
-    }
-
-    /// Whether set-points and rows go by clocks of different rates.
-    pub(super) fn skewed(&self) -> bool {
-        self.echo.iter().any(|e| e.skew != 1.0)
     }
 }
 
@@ -179,9 +165,17 @@ pub(super) fn permutations() -> Vec<[usize; JOINTS]> {
     out
 }
 
-/// Index of a permutation in lexicographic order.
-pub(super) fn index(order: &[usize; JOINTS]) -> usize {
-    permutations().iter().position(|p| p == order).unwrap_or(0)
+/// Number of a permutation, for the effect `joint_order`: in lexicographic order, of the joints that set-points reach, the inverse
+/// of the columns `order` that joints follow.
+pub(super) fn permutation(order: &[usize; JOINTS]) -> f64 {
+    let mut reached = [0; JOINTS];
+    for (joint, column) in order.iter().enumerate() {
+        reached[*column] = joint;
+    }
+    permutations()
+        .iter()
+        .position(|p| *p == reached)
+        .unwrap_or(0) as f64
 }
 
 /// Finds order, signs, slopes and offsets.
@@ -209,8 +203,6 @@ pub(super) fn find(data: &Data) -> Conventions {
         slope: [None; JOINTS],
         offset_rad: [0.0; JOINTS],
         echo: [Echo::NEUTRAL; JOINTS],
-        per_ampere: [1.0; JOINTS],
-        winding_ohm: [0.0; JOINTS],
     };
     for j in 0..JOINTS {
         let m = &s[order[j]][j];
@@ -230,9 +222,9 @@ mod tests {
 
     #[test]
     fn permutations_are_counted_in_lexicographic_order() {
-        assert_eq!(index(&[0, 1, 2, 3, 4, 5]), 0);
-        assert_eq!(index(&[0, 1, 2, 3, 5, 4]), 1);
-        assert_eq!(index(&[5, 4, 3, 2, 1, 0]), 719);
+        assert_eq!(permutation(&[0, 1, 2, 3, 4, 5]), 0.0);
+        assert_eq!(permutation(&[0, 1, 2, 3, 5, 4]), 1.0);
+        assert_eq!(permutation(&[5, 4, 3, 2, 1, 0]), 719.0);
         assert_eq!(permutations().len(), 720);
     }
 }

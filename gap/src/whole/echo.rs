@@ -215,14 +215,12 @@ fn reading(
     key: &'static str,
     value: f64,
     half: f64,
-    gain: f64,
 ) -> Reading {
     Reading {
         effect,
         joint,
         key,
         estimate: exact(value, half),
-        gain: gain.min(1e3),
     }
 }
 
@@ -253,13 +251,13 @@ pub(super) struct Address {
 }
 
 impl Address {
-    fn new(data: &Data, address: usize, echo_at: usize, rounding: bool) -> Option<Self> {
+    fn new(data: &Data, address: usize, echo_at: usize) -> Option<Self> {
         let runs = data.runs.iter();
         let pairs: Vec<(&Track, &Track)> = runs.filter_map(|r| pair(r, address, echo_at)).collect();
         let first = pairs.first()?;
         let known: Vec<f64> = pairs.iter().filter_map(|p| grid(p.0, p.1)).collect();
         let steps: Vec<f64> = known.iter().copied().filter(|s| *s > 0.0).collect();
-        let step_rad = if rounding && 2 * steps.len() > known.len() {
+        let step_rad = if 2 * steps.len() > known.len() {
             math::median(&steps)
         } else {
             0.0
@@ -351,7 +349,6 @@ impl Address {
                 "step_rad",
                 self.step_rad,
                 EXACT_RAD,
-                (self.step_rad / LEAST_STEP_RAD).powi(2),
             ));
         }
     }
@@ -382,7 +379,7 @@ impl Address {
         if clear {
             let half = 1.96 * sigma / (2.0 * arrived).sqrt() + 0.03 * sigma;
             let (effect, key) = (Effect::Jitter, "sigma_s");
-            out.push(reading(effect, Some(joint), key, sigma, half, gain));
+            out.push(reading(effect, Some(joint), key, sigma, half));
         }
         if delay > 0.0 {
             let error = 0.3 * self.row_s;
@@ -392,7 +389,6 @@ impl Address {
                 "delay_s",
                 delay,
                 error,
-                (delay / error).powi(2),
             ));
         }
         Some(Spread {
@@ -402,7 +398,7 @@ impl Address {
     }
 
     /// Loss and jitter of `joint`, and what the joint needs to know.
-    fn judge(&self, joint: usize, slope: f64, withheld: &[Effect], out: &mut Vec<Reading>) -> Echo {
+    fn judge(&self, joint: usize, slope: f64, out: &mut Vec<Reading>) -> Echo {
         let (rows, lost) = self.rows(slope);
         let arrived: f64 = rows.iter().sum();
         let mut echo = Echo {
@@ -426,7 +422,7 @@ impl Address {
         let spread = self.spread(joint, slope, &constant, (&rows, lost), out);
         let unseen = spread.as_ref().map_or(0.0, |s| s.unseen);
         if let Some(s) = &spread {
-            echo.odd = s.odd || withheld.contains(&Effect::Jitter);
+            echo.odd = s.odd;
         }
         let loss = 1.0 - arrived / self.sent() / (1.0 - unseen);
         let error = (loss.abs().max(0.01) / self.sent()).sqrt() + 0.2 * unseen;
@@ -437,15 +433,9 @@ impl Address {
                 "probability",
                 loss,
                 1.96 * error,
-                (loss / LEAST_LOSS).powi(2),
             ));
-            echo.odd |= withheld.contains(&Effect::PacketLoss);
         }
         echo.uneven = spread.is_some() || lost > LEAST_LOSS * self.sent();
-        if withheld.contains(&Effect::Latency) && constant.late_s[0] > 0.0 {
-            // Late for no reason that may be named: the joint is judged by what reached it.
-            (echo.uneven, echo.odd) = (true, true);
-        }
         if !echo.uneven {
             echo.late_s = Some(constant.late_s);
         }
@@ -454,15 +444,9 @@ impl Address {
 }
 
 /// Reads the transport of every joint off its echo, and tells `conventions` what the joints need to know.
-pub(super) fn read(
-    data: &Data,
-    conventions: &mut Conventions,
-    withheld: &[Effect],
-    out: &mut Vec<Reading>,
-) {
-    let rounding = !withheld.contains(&Effect::Quantisation);
+pub(super) fn read(data: &Data, conventions: &mut Conventions, out: &mut Vec<Reading>) {
     let addresses: Vec<Option<Address>> = (0..JOINTS)
-        .map(|a| Address::new(data, a, conventions.echo_at[a], rounding))
+        .map(|a| Address::new(data, a, conventions.echo_at[a]))
         .collect();
     let mut slope = 0.0;
     if let Some((s, error)) = clock(&addresses) {
@@ -473,7 +457,6 @@ pub(super) fn read(
             "ratio",
             1.0 / (1.0 + s),
             1.96 * error,
-            (s / 1e-4).powi(2),
         ));
     }
     let mut all = [Echo::NEUTRAL; JOINTS];
@@ -484,8 +467,7 @@ pub(super) fn read(
             .position(|o| *o == address)
             .unwrap_or(address);
         if let Some(a) = &addresses[address] {
-            *echo = a.judge(joint, slope, withheld, out);
-            echo.odd |= slope != 0.0 && withheld.contains(&Effect::ClockSkew);
+            *echo = a.judge(joint, slope, out);
         }
     }
     conventions.echo = std::array::from_fn(|k| all[conventions.order[k]]);
@@ -517,7 +499,7 @@ mod tests {
         let mut rng = math::Rng::new(5);
         let mut out = Vec::new();
         let jitters = address(&mut || 0.009 * rng.normal().abs());
-        let echo = jitters.judge(2, 0.0, &[], &mut out);
+        let echo = jitters.judge(2, 0.0, &mut out);
         let said = out.iter().map(|r| (r.effect, r.joint)).collect::<Vec<_>>();
         assert_eq!(said, [(Effect::Jitter, Some(2))]);
         let sigma_s = out[0].estimate.value;
@@ -525,7 +507,7 @@ mod tests {
         assert!(echo.uneven && !echo.odd);
         for delay_s in [0.0, 0.006, 0.0249, 0.031] {
             out.clear();
-            let echo = address(&mut || delay_s).judge(2, 0.0, &[], &mut out);
+            let echo = address(&mut || delay_s).judge(2, 0.0, &mut out);
             assert!(out.is_empty() && !echo.uneven, "{delay_s} {out:?}");
         }
     }

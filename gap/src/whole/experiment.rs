@@ -4,6 +4,7 @@
 //! robot that rests on an edge falls to either side, and a gait that hangs on it promises nothing. What the explanations predict
 //! differently, over what the draws scatter by, ranks the gaits. The gaits on record are played alike, to say what the new one adds.
 
+use std::collections::BTreeMap;
 use std::f64::consts::FRAC_PI_2;
 use std::ops::Range;
 use std::sync::Arc;
@@ -13,11 +14,9 @@ use files::model::{Key, Model};
 use physics::{Drive, Options, Outcome, Params, Start, Trial};
 
 use super::data::{Data, JOINTS};
-use super::joints::Found;
-use super::rivals::{Explanation, Open};
-use super::steady::Change;
-use super::{Parts, gaits, predict, windows};
+use super::{gaits, predict, windows};
 use crate::math::{self, Rng};
+use crate::verdict::Estimate;
 use crate::vocabulary::Effect;
 
 /// Between instants at which places are compared, s.
@@ -45,8 +44,28 @@ const CLEAR: f64 = 2.0;
 const HEADINGS: usize = 3;
 /// Length of a gait, s, where the runs on record are shorter or longer: three periods at 0.2 Hz need 15.
 const LENGTH_S: [f64; 2] = [10.0, 30.0];
-/// Length where a friction changes along a run, s.
-const LONG_S: f64 = 60.0;
+
+/// One of several explanations.
+#[derive(Debug, Clone)]
+pub(super) struct Explanation {
+    pub(super) effect: Effect,
+    pub(super) parameters: BTreeMap<String, Estimate>,
+    pub(super) model: Model,
+}
+
+/// What is open.
+#[derive(Debug, Clone)]
+pub(super) enum Open {
+    /// Explanations that the data cannot tell apart.
+    Class(Vec<Explanation>),
+    /// A remainder that nothing explains.
+    Remainder {
+        /// Gait whose windows leave most.
+        gait: usize,
+        /// What they leave, squared tolerances per sample.
+        cost: f64,
+    },
+}
 
 /// What is looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -130,18 +149,16 @@ struct Meters {
 }
 
 impl Meters {
-    fn new(d: &Parts) -> Self {
-        let data = &d.data;
+    /// Of a data set where torques are known to `torque_nm`, joint by joint.
+    fn new(data: &Data, torque_nm: Vec<(usize, f64)>) -> Self {
         let bases = data.runs.iter().filter_map(|r| r.base.as_ref());
         let error = |b: &super::data::BaseTrack| match b.filmed {
             Some([x, y, ..]) => libm::hypot(x, y),
             None => PLACE_M,
         };
-        let torque = |f: &Found| (f.tier.joint, f.tier.torque_tolerance_nm());
-        let measured = |x: &(usize, f64)| x.1 > 0.0;
         Self {
             place_m: bases.map(error).max_by(f64::total_cmp),
-            torque_nm: d.joints.iter().map(torque).filter(measured).collect(),
+            torque_nm,
         }
     }
 }
@@ -414,12 +431,12 @@ fn sent(data: &Data, gait: usize) -> Option<Gait> {
 }
 
 impl Question {
-    /// What `open` leaves to be decided.
-    pub(super) fn new(open: Open, d: &Parts) -> Self {
+    /// What `open` leaves to be decided, of joints whose torques are known to `torque_nm`.
+    pub(super) fn new(open: Open, data: &Arc<Data>, torque_nm: Vec<(usize, f64)>) -> Self {
         Self {
             open,
-            data: Arc::clone(&d.data),
-            meters: Meters::new(d),
+            data: Arc::clone(data),
+            meters: Meters::new(data, torque_nm),
         }
     }
 
@@ -437,11 +454,7 @@ impl Question {
     ) -> Option<Experiment> {
         match &self.open {
             Open::Class(among) => self.separating(among, menu, accepts),
-            Open::Remainder {
-                gait,
-                cost,
-                changes,
-            } => self.again(*gait, *cost, *changes, accepts),
+            Open::Remainder { gait, cost } => self.again(*gait, *cost, accepts),
         }
     }
 
@@ -493,34 +506,13 @@ impl Question {
     }
 
     /// The gait that left most, in a way that shows what its remainder hangs on.
-    fn again(
-        &self,
-        gait: usize,
-        cost: f64,
-        changes: Option<Change>,
-        accepts: &dyn Fn(&Gait) -> bool,
-    ) -> Option<Experiment> {
+    fn again(&self, gait: usize, cost: f64, accepts: &dyn Fn(&Gait) -> bool) -> Option<Experiment> {
         let sent = sent(&self.data, gait)?;
         let name = &self.data.gaits[gait];
-        let (next, why) = if let Some(change) = changes {
-            let next = gaits::longer(&sent, LONG_S)?;
-            let what = match change {
-                Change::Friction => "the ground held otherwise than early".into(),
-                Change::Zero(k) => format!("joint {k} stood off its reading otherwise than early"),
-            };
-            (
-                next,
-                format!(
-                    "the same for {LONG_S:.0} s: late in a run {what}, and a longer run shows whether that goes on, settles or comes back"
-                ),
-            )
-        } else {
-            let next = gaits::slower(&sent)?;
-            (next, "the same at half its frequency: what is gone then was inertia, blows or bounce, which fall with the square of the speed; what stays is how the ground holds or gives, or how the weight lies".into())
-        };
+        let next = gaits::slower(&sent)?;
         accepts(&next).then(|| Experiment {
             text: format!(
-                "The windows of gait {name} leave most ({cost:.0} squared tolerances per sample). Put the robot on the same ground and play the gait file three times, {why}."
+                "The windows of gait {name} leave most ({cost:.0} squared tolerances per sample). Put the robot on the same ground and play the gait file three times, the same at half its frequency: what is gone then was inertia, blows or bounce, which fall with the square of the speed; what stays is how the ground holds or gives, or how the weight lies."
             ),
             gait: next,
             heading_rad: None,

@@ -58,11 +58,6 @@ pub(super) fn slower(gait: &Gait) -> Option<Gait> {
     timed(gait, 2.0 * f64::from(gait.duration_s()), 0.5, "_slower")
 }
 
-/// The gait for `length_s`.
-pub(super) fn longer(gait: &Gait, length_s: f64) -> Option<Gait> {
-    finished(gait.raw(), length_s, gait.name(), "_longer")
-}
-
 fn wrapped(x: f32) -> f32 {
     use std::f32::consts::{PI, TAU};
     let turns = ((x + PI) / TAU).floor();

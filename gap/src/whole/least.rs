@@ -138,19 +138,3 @@ pub(super) fn total(
     }
     (a, b, c, groups)
 }
-
-/// A column moved from the residuals `r0` to `r`.
-pub(super) fn add(column: &[Vec<f64>], r0: &[Vec<f64>], r: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    column
-        .iter()
-        .zip(r0)
-        .zip(r)
-        .map(|((c, a), b)| {
-            c.iter()
-                .zip(a)
-                .zip(b)
-                .map(|((c, a), b)| c - a + b)
-                .collect()
-        })
-        .collect()
-}

@@ -32,11 +32,6 @@ impl Motors {
             supply_v: [supply.value, supply.tolerance],
         }
     }
-
-    /// Spread of torque constant and winding of joint `k`, relative.
-    pub(super) fn spread(&self, k: usize) -> [f64; 2] {
-        [self.nm_per_a[k][1], self.winding_ohm[k][1]]
-    }
 }
 
 /// Whether joint `k` has the motor of the joints between cubes; the others sit inside one.

@@ -1,7 +1,7 @@
 //! What the report shows of a whole robot: errors joint by joint, path and angles of a run, and the robot itself under a time slider.
 
+use super::causes::JointRow;
 use super::replay::Replay;
-use super::score::JointRow;
 use crate::report::{Evidence, Subject, number, page, table};
 use crate::verdict::Verdict;
 

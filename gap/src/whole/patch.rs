@@ -5,16 +5,11 @@ use std::collections::BTreeMap;
 use files::model::{EffectEntry, Model, Parameter};
 use physics::Params;
 
-use crate::verdict::{EffectRow, Estimate};
+use crate::verdict::Estimate;
 use crate::vocabulary::Effect;
 
 /// An effect, its joint, its parameters.
 pub(super) type Part<'a> = (Effect, Option<usize>, &'a BTreeMap<String, Estimate>);
-
-/// What a patch takes of `rows`.
-pub(super) fn parts(rows: &[EffectRow]) -> impl Iterator<Item = Part<'_>> {
-    rows.iter().map(|r| (r.effect, r.joint, &r.parameters))
-}
 
 /// `model` with every effect of `parts` that the simulator knows, found by `command`.
 pub(super) fn patched<'a>(

@@ -1,6 +1,5 @@
 //! What a model predicts for recorded runs: the whole chain from set-points to base pose, in the body simulator.
 
-use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::sync::Arc;
 
@@ -9,7 +8,6 @@ use files::model::Model;
 use physics::{CONTROL_RATE_HZ, Drive, Options, Outcome, Params, ParamsError, Start, Trial};
 
 use super::data::{Data, JOINTS, Run};
-use super::patch::{Part, patched};
 use super::windows;
 use crate::math;
 
@@ -72,42 +70,6 @@ pub(super) fn rollouts(data: &Data, runs: &[usize], params: &Arc<Params>) -> Vec
         .iter()
         .map(|t| t.as_ref().and_then(|_| outcomes.next()))
         .collect()
-}
-
-/// Runs that are simulated whole.
-pub(super) struct Runs<'a> {
-    pub(super) model: &'a Model,
-    pub(super) runs: &'a [usize],
-}
-
-impl Runs<'_> {
-    /// Error of the base's position by gait under the model with the effects of `parts`, m; empty where the simulator refuses it.
-    pub(super) fn by_gait_m<'p>(
-        &self,
-        data: &Data,
-        parts: impl IntoIterator<Item = Part<'p>>,
-    ) -> BTreeMap<usize, f64> {
-        let Ok(params) = Params::try_from(&patched(self.model, parts, "gap report")).map(Arc::new)
-        else {
-            return BTreeMap::new();
-        };
-        let mut gaits: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
-        for (run, e) in errors(data, self.runs, &params) {
-            gaits.entry(data.runs[run].gait).or_default().push(e[0]);
-        }
-        let mean = |(gait, far): (usize, Vec<f64>)| (gait, math::mean(&far));
-        gaits.into_iter().map(mean).collect()
-    }
-
-    /// Mean of these errors, m.
-    pub(super) fn error_m<'p>(
-        &self,
-        data: &Data,
-        parts: impl IntoIterator<Item = Part<'p>>,
-    ) -> Option<f64> {
-        let gaits: Vec<f64> = self.by_gait_m(data, parts).into_values().collect();
-        (!gaits.is_empty()).then(|| math::mean(&gaits))
-    }
 }
 
 /// Error of whole runs, restarted nowhere, with their numbers: position of the base, m, and mean speed, m/s.

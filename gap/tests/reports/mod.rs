@@ -134,7 +134,6 @@ fn verdict(
         next_experiment: None,
         pulled: BTreeMap::new(),
         displaced: Vec::new(),
-        contacts: None,
         provenance: Provenance {
             tool: "gap".into(),
             commit: None,

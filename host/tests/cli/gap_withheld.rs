@@ -4,8 +4,8 @@ use crate::rig::{Folder, rb, trials};
 
 /// Planted cause, effect that is withheld, and stage and joint that the verdict must point to.
 const CASES: [(&str, &str, &str, Option<u64>); 2] = [
-    ("com_offset:0.02,-0.01,0.006", "com_offset", "body", None),
-    ("latency@3:0.0065", "latency", "transport", Some(3)),
+    ("joint_offset@2:0.1", "joint_offset", "driver", Some(2)),
+    ("torque_limit@3:0.5", "torque_limit", "driver", Some(3)),
 ];
 
 #[test]
@@ -26,7 +26,10 @@ fn a_cause_that_may_not_be_named_is_unknown_in_its_place() {
         let report = ["--json", "gap", "report", "case", "--withhold", withheld];
         let v = rb(&folder, &report).expect(0).json();
         assert_eq!(v["verdict"], "unknown", "{cause}: {}", v["sentence"]);
-        let place = &v["where"][0];
+        let mut places = v["where"].as_array().expect("places").iter();
+        let place = places
+            .find(|p| p["stage"] != "unexplained")
+            .expect("a place");
         assert_eq!(place["stage"], stage, "{cause}: {}", v["where"]);
         assert_eq!(place["joint"].as_u64(), joint, "{cause}: {}", v["where"]);
     }

@@ -16,7 +16,6 @@ mod foreign_robot;
 mod gap_data;
 mod gap_files;
 mod gap_film;
-mod gap_next;
 mod gap_runs;
 mod gap_withheld;
 mod gap_without;

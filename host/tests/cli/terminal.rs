@@ -125,7 +125,7 @@ fn a_diagnosis_shows_its_phase_and_the_time_that_is_left() {
         let words = ["searching causes", "s left"];
         shown_at_work(&folder, &["gap", "causes", set], &words);
     }
-    let phases = ["(1 of 7)", "(2 of 7)", "s left"];
+    let phases = ["(1 of 4)", "(2 of 4)", "s left"];
     shown_at_work(&folder, &["gap", "report", "case"], &phases);
     shown_at_work(
         &folder,

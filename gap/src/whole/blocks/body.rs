@@ -1,8 +1,10 @@
 //! The base given the joints: poses of short windows, restarted from the measured state and led along the measured
 //! angles.
 
+use std::collections::BTreeMap;
+
 use super::FREEDOM;
-use crate::evidence::block::{Column, Segment, Site, White};
+use crate::evidence::block::{Column, Meaning, Segment, Site, White};
 use crate::vocabulary::{Effect, Stage};
 use files::model::{Key, Model};
 use rayon::prelude::*;
@@ -10,6 +12,7 @@ use rayon::prelude::*;
 use super::super::body::{B, FLEX, NUMBERS, OFFSET, PLAY, RATIO, Tier, of_joint};
 use super::super::body_library::coordinates;
 use super::super::data::JOINTS;
+use super::super::windows::Window;
 
 /// Plays of each change, and the shares of its step that they take: the whole one and half of it show a bend. Of six
 /// choices compared on development robots (emulator, seed 7; MuJoCo, seed 1) by how well true changes and errors
@@ -223,6 +226,36 @@ fn joints(out: &mut Vec<Move>, link_measured: bool) {
     }
 }
 
+/// Shapes that no effect has: what a move changes and another one late in a run than early, by the number of the move. Of
+/// the ground's friction, and of the zero of each joint.
+fn drifting(moves: &[Move]) -> Vec<(usize, Column)> {
+    let of = |(m, own): (usize, &Move)| {
+        let shape = match own.column.meaning {
+            Meaning::Effect(Effect::GroundFriction) => 0,
+            Meaning::Effect(Effect::JointOffset) => 1,
+            _ => return None,
+        };
+        let mut column = Column::open(DRIFTING + shape, own.column.prior[1]);
+        (column.owner, column.parameter.key) = (own.column.owner, "drift");
+        Some((m, column))
+    };
+    moves.iter().enumerate().filter_map(of).collect()
+}
+
+/// Number of the first shape that drifts.
+const DRIFTING: usize = 300;
+
+/// How late in its run each window begins: from -1/2 to 1/2.
+fn late(tier: &Tier) -> Vec<f64> {
+    let mut last_s: BTreeMap<usize, f64> = BTreeMap::new();
+    for w in &tier.windows {
+        let last = last_s.entry(w.run).or_default();
+        *last = last.max(w.from_s);
+    }
+    let one = |w: &Window| w.from_s / last_s[&w.run].max(f64::MIN_POSITIVE) - 0.5;
+    tier.windows.iter().map(one).collect()
+}
+
 /// Coordinates at the coefficients `start` of the `moves`.
 pub(in crate::whole) fn placed(
     moves: &[Move],
@@ -298,6 +331,14 @@ pub(in crate::whole) fn block(
             flat(&change(&std::array::from_fn(slopes)))
         })
         .collect();
+    let drifting = drifting(moves);
+    let late = late(tier);
+    let along = |(m, _): &(usize, Column)| -> Vec<f64> {
+        let rows = x[*m].chunks(NUMBERS).zip(&late);
+        rows.flat_map(|(x, late)| x.iter().map(move |x| late * x))
+            .collect()
+    };
+    let drifts: Vec<Vec<f64>> = drifting.iter().map(along).collect();
     // Residuals are simulated less measured.
     let mut y: Vec<f64> = y0.iter().map(|r| -r).collect();
     for (m, by) in start {
@@ -308,7 +349,7 @@ pub(in crate::whole) fn block(
     let segment = Segment {
         weight: vec![1.0; rows],
         y,
-        x,
+        x: x.into_iter().chain(drifts).collect(),
     };
     let site = Site {
         stage: Stage::Body,
@@ -316,14 +357,14 @@ pub(in crate::whole) fn block(
         blind: false,
         coarse: false,
     };
-    let columns = moves.iter().map(|m| m.column.clone()).collect();
+    let own = moves.iter().map(|m| m.column.clone());
+    let columns = own.chain(drifting.into_iter().map(|d| d.1)).collect();
     White::whitened(site, columns, &[segment], [1.0, before])
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evidence::block::Meaning;
 
     /// `set-point = ratio * command + offset`, of what is read back as of what is sent.
     #[test]

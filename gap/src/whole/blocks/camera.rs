@@ -2,7 +2,7 @@
 //! by the camera as it is stated.
 
 use super::super::camera::{C, Tier};
-use super::super::search::{Coordinate, Evaluate};
+use super::super::fit::{Coordinate, Evaluate};
 use super::FREEDOM;
 use crate::evidence::block::{Column, Segment, Site, White};
 use crate::evidence::linear::solve;

@@ -117,6 +117,26 @@ impl Signals<'_> {
     }
 }
 
+/// Mean square of what voltages of a motor are off in some runs, V^2, and their length, s; `None` where not all was recorded.
+pub(in crate::whole) fn misfit(runs: &[Signals<'_>], motor: &Motor) -> Option<[f64; 2]> {
+    let (mut sum, mut count) = (0.0, 0.0);
+    for s in runs {
+        let (Some(duty), Some(current)) = (s.duty.filter(|d| resolved(d)), s.current) else {
+            continue;
+        };
+        let off = |t_s: f64| {
+            let volt = mean(duty, t_s)? * s.volt(motor, t_s)?;
+            let taken = motor.winding_ohm[0] * mean(current, t_s)?;
+            Some(volt - taken - motor.nm_per_a[0] * s.speed(t_s)?)
+        };
+        for e in instants(s.position).filter_map(off) {
+            sum += e * e;
+            count += 1.0;
+        }
+    }
+    (count > 0.0 && sum > 0.0).then(|| [sum / count, count * STEP_S])
+}
+
 /// Instants of a run at which means are compared, s.
 fn instants(position: &Track) -> impl Iterator<Item = f64> {
     let (from, end) = (position.t_s[0], position.t_s[position.t_s.len() - 1]);

@@ -165,6 +165,29 @@ fn shapes(known: &Known, grids: &[Grid]) -> Vec<Shape> {
     all
 }
 
+/// Tolerances within which a speed limit is still the one that is stated.
+const REACH: f64 = 3.0;
+
+/// Coefficients of nominal numbers, of which those of the speed limit together stay within its tolerance: it has a column
+/// for each of several sizes.
+pub(in crate::whole) fn within(known: &Known, mut start: Vec<(usize, f64)>) -> Vec<(usize, f64)> {
+    let all = shapes::shapes(known, 0.0);
+    let size = |c: usize| match all.get(c) {
+        Some(s) if s.column.slack > 0.0 => s.change.limits(),
+        _ => 0.0,
+    };
+    let lost: f64 = start.iter().map(|(c, by)| size(*c) * by).sum();
+    let most = REACH * known.speed_tolerance.max(shapes::LEAST_TOLERANCE);
+    if lost.abs() > most {
+        for (c, by) in &mut start {
+            if size(*c) != 0.0 {
+                *by *= most / lost.abs();
+            }
+        }
+    }
+    start
+}
+
 /// Laws to play, that with all coefficients of `start` first, and for each shape the two between which its slope is
 /// taken with the coefficient between them.
 fn slopes(

@@ -30,8 +30,12 @@ pub(in crate::whole) struct Input<'a> {
     pub(in crate::whole) position: &'a Track,
     /// Torque of the motor, N m.
     pub(in crate::whole) effort: Track,
-    /// Torque that the body needs, by make of the contacts, N m; the nominal one first. On a grid of `load_step_s`.
-    pub(in crate::whole) load_nm: Vec<&'a [f64]>,
+    /// Torque that the body needs, N m, on a grid of `load_step_s`.
+    pub(in crate::whole) load_nm: &'a [f64],
+    /// The same of other windows: a column that shared the errors' noise would explain it.
+    pub(in crate::whole) apart_nm: &'a [f64],
+    /// What contacts of another make change about it, N m; of other windows too.
+    pub(in crate::whole) make_nm: &'a [f64],
     /// The part of it that balances weight, N m.
     pub(in crate::whole) gravity_nm: &'a [f64],
     /// Change of the load per coefficient of a body's parameter, N m: mean of two plays and half of what they differ by.
@@ -69,29 +73,44 @@ struct Row {
     v: f64,
     a: f64,
     side: f64,
+    /// Load that the errors are taken against, and that of other windows, N m.
     load: f64,
+    apart: f64,
+}
+
+/// Rows of a motion without their load.
+fn moving(q: &Track) -> impl Iterator<Item = Row> + '_ {
+    let end = q.t_s[q.t_s.len() - 1];
+    let n = ((end - q.t_s[0] - 0.4) / STEP_S).max(0.0) as usize;
+    (0..n).filter_map(|i| {
+        let t_s = q.t_s[0] + 0.2 + i as f64 * STEP_S;
+        let (here, v) = q.curve(t_s, 1.2 * HALF_S)?;
+        let (_, before) = q.curve(t_s - HALF_S, HALF_S)?;
+        let (_, after) = q.curve(t_s + HALF_S, HALF_S)?;
+        Some(Row {
+            t_s,
+            q: here,
+            v,
+            a: (after - before) / (2.0 * HALF_S),
+            side: v / libm::hypot(v, TURN_RAD_S),
+            load: 0.0,
+            apart: 0.0,
+        })
+    })
 }
 
 fn rows(input: &Input<'_>) -> Vec<Row> {
-    let q = input.position;
-    let end = q.t_s[q.t_s.len() - 1];
-    let n = ((end - q.t_s[0] - 0.4) / STEP_S).max(0.0) as usize;
-    (0..n)
-        .filter_map(|i| {
-            let t_s = q.t_s[0] + 0.2 + i as f64 * STEP_S;
-            let (here, v) = q.curve(t_s, 1.2 * HALF_S)?;
-            let (_, before) = q.curve(t_s - HALF_S, HALF_S)?;
-            let (_, after) = q.curve(t_s + HALF_S, HALF_S)?;
-            Some(Row {
-                t_s,
-                q: here,
-                v,
-                a: (after - before) / (2.0 * HALF_S),
-                side: v / libm::hypot(v, TURN_RAD_S),
-                load: on(input.load_nm[0], input.load_step_s, t_s),
-            })
-        })
-        .collect()
+    let loaded = |r: Row| Row {
+        load: on(input.load_nm, input.load_step_s, r.t_s),
+        apart: on(input.apart_nm, input.load_step_s, r.t_s),
+        ..r
+    };
+    moving(input.position).map(loaded).collect()
+}
+
+/// Instants of the rows of a run with this motion, s.
+pub(in crate::whole) fn instants(position: &Track) -> Vec<f64> {
+    moving(position).map(|r| r.t_s).collect()
 }
 
 /// A column and what each row gives it.
@@ -127,13 +146,13 @@ fn friction([damping_nm_s, tolerance_nm_s]: [f64; 2], sense: f64) -> Vec<Term> {
         ),
         term(
             Column::linear(Effect::LoadDependentFriction, "fraction", 0.0, 0.3).at_least_neutral(),
-            |r| r.load.abs() * r.side,
+            |r| r.apart.abs() * r.side,
         ),
         term(
             Column::linear(Effect::LoadDependentFriction, "fraction", 0.0, 0.3)
                 .shaped(1, &[])
                 .at_least_neutral(),
-            |r| r.load.abs() * r.v / libm::hypot(r.v, SLOW_RAD_S),
+            |r| r.apart.abs() * r.v / libm::hypot(r.v, SLOW_RAD_S),
         ),
         term(
             Column::linear(Effect::AsymmetricFriction, "difference_nm", 0.0, 0.4),
@@ -267,7 +286,7 @@ fn own(
         |r| INERTIA_KG_M2 * r.a,
     ));
     // Several contacts share a load in more ways than one.
-    terms.push(term(Column::nuisance(0.1), |r| r.load));
+    terms.push(term(Column::nuisance(0.1), |r| r.apart));
     let mut x: Vec<Vec<f64>> = terms
         .iter()
         .map(|(_, of)| rows.iter().map(of).collect())
@@ -275,15 +294,11 @@ fn own(
     let mut columns: Vec<Column> = terms.into_iter().map(|t| t.0).collect();
     columns.push(Column::linear(Effect::GravityLoad, "ratio", 1.0, 0.5));
     x.push(along(input.gravity_nm, input, rows));
-    let nominal = along(input.load_nm[0], input, rows);
-    for other in &input.load_nm[1..] {
-        columns.push(Column::nuisance(0.7));
-        let other = along(other, input, rows);
-        x.push(other.iter().zip(&nominal).map(|(a, b)| a - b).collect());
-    }
+    columns.push(Column::nuisance(0.7));
+    x.push(along(input.make_nm, input, rows));
     for (column, of) in &input.electrical {
         columns.push(column.clone());
-        x.push(rows.iter().map(|r| of(r.t_s, r.load)).collect());
+        x.push(rows.iter().map(|r| of(r.t_s, r.apart)).collect());
     }
     (columns, x)
 }
@@ -354,4 +369,85 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
             })
             .collect(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::block::White;
+    use crate::evidence::cause::causes;
+    use crate::evidence::search::Problem;
+    use crate::math::{Rng, sin};
+
+    const STEP: f64 = 0.02;
+    const LENGTH_S: f64 = 60.0;
+
+    /// A grid of loads that each play has otherwise by some tenths of a newton metre.
+    fn played(rng: &mut Rng) -> Vec<f64> {
+        let mut apart = 0.0;
+        let one = |i: usize| {
+            apart = 0.8 * apart + 0.12 * rng.normal();
+            load_nm(i as f64 * STEP) + apart
+        };
+        (0..(LENGTH_S / STEP) as usize + 2).map(one).collect()
+    }
+
+    fn load_nm(t_s: f64) -> f64 {
+        0.6 * sin(1.9 * t_s + 0.7) + 0.3 * sin(3.8 * t_s)
+    }
+
+    fn track(step_s: f64, of: impl FnMut(f64) -> f64) -> Track {
+        let t_s: Vec<f64> = (0..(LENGTH_S / step_s) as usize)
+            .map(|i| step_s * i as f64)
+            .collect();
+        Track {
+            v: t_s.iter().copied().map(of).collect(),
+            t_s,
+        }
+    }
+
+    /// The loads of a play are wrong by when feet land. A robot as heavy as stated has the mass stated all the same.
+    #[test]
+    fn what_plays_differ_by_is_no_mass() {
+        let mut rng = Rng::new(3);
+        let [errors, first, second] = [0; 3].map(|_| played(&mut rng));
+        let both = |of: fn(f64, f64) -> f64| -> Vec<f64> {
+            first.iter().zip(&second).map(|(a, b)| of(*a, *b)).collect()
+        };
+        let (mean, half) = (both(|a, b| 0.5 * (a + b)), both(|a, b| 0.5 * (a - b)));
+        let nothing = vec![0.0; mean.len()];
+        let position = track(0.01, |t| 0.7 * sin(1.9 * t));
+        let effort = track(0.01, |t| load_nm(t) + 0.02 * rng.normal());
+        let input = Input {
+            position: &position,
+            effort,
+            load_nm: &errors,
+            apart_nm: &mean,
+            make_nm: &nothing,
+            gravity_nm: &nothing,
+            body_nm: vec![[&mean, &half]],
+            load_step_s: STEP,
+            electrical: Vec::new(),
+        };
+        let known = Known {
+            damping_nm_s: 0.0,
+            tolerance_nm_s: 0.0,
+            blind: false,
+            coarse: false,
+            sense: Some(1.0),
+            body: vec![Column::linear(Effect::Mass, "ratio", 1.0, 0.4).of_robot()],
+            body_at: vec![0.0],
+        };
+        let raw = raw(0, &[input], &known).expect("long enough");
+        let blocks = [White::new(raw, 6).plain()];
+        let all = causes(&blocks, &[], &[]);
+        let problem = Problem {
+            blocks: &blocks,
+            causes: &all,
+            always: &[],
+        };
+        let mass = all.iter().position(|c| c.effect == Some(Effect::Mass));
+        let (_, _, by) = problem.coefficients(&[mass.expect("a cause")])[0];
+        assert!(by.abs() < 0.05, "{by}");
+    }
 }

@@ -74,20 +74,28 @@ fn entries(r: &Row) -> Vec<f64> {
     out
 }
 
+/// Instants of the rows of a run with this motion, s.
+pub(in crate::whole) fn instants(position: &Track) -> Vec<f64> {
+    let (from, end) = (position.t_s[0], position.t_s[position.t_s.len() - 1]);
+    let n = ((end - from) / STEP_S).max(0.0) as usize;
+    (0..n).map(|i| from + i as f64 * STEP_S).collect()
+}
+
 /// The block of joint `joint`; `None` without a run.
 pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>]) -> Option<Raw> {
     let columns = columns();
     let mut segments = Vec::new();
     for input in inputs {
-        let (q, end) = (input.position, input.position.t_s.last().copied()?);
-        let n = ((end - q.t_s[0]) / STEP_S).max(0.0) as usize;
+        let (q, all) = (input.position, instants(input.position));
+        if all.is_empty() {
+            continue;
+        }
         let mut segment = Segment {
-            x: vec![Vec::with_capacity(n); columns.len()],
-            weight: vec![1.0; n],
+            x: vec![Vec::with_capacity(all.len()); columns.len()],
+            weight: vec![1.0; all.len()],
             ..Segment::default()
         };
-        for i in 0..n {
-            let t_s = q.t_s[0] + i as f64 * STEP_S;
+        for t_s in all {
             let row = Row {
                 t_s,
                 q: q.at(t_s),

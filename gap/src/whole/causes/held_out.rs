@@ -5,13 +5,17 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde::Serialize;
 
 use super::super::blocks::position::{Played, errors_rad};
-use super::super::blocks::torque::sense_in;
+use super::super::blocks::torque::{instants, sense_in};
+use super::super::blocks::transmission;
 use super::super::body::Tier;
 use super::super::conventions::Conventions;
 use super::super::data::JOINTS;
+use super::errors::{ANGLE, HEADING, LINK, POSE, SIGNALS, Sums, TORQUE};
 use super::refine::Passes;
+use super::regimes::Regimes;
 use super::{Asked, Explained, Posed};
 use crate::evidence::block::Raw;
+use crate::regimes::RegimeRow;
 use crate::vocabulary::{Effect, Stage};
 
 /// Error of one signal on the held-out runs: root mean square over joints, runs and time; of the pose at the end of windows
@@ -40,31 +44,52 @@ pub struct HeldOut {
     /// By cause, in the order of the search: the same errors with all other causes.
     #[serde(skip)]
     pub without: Vec<BTreeMap<&'static str, f64>>,
+    /// What a report shows besides.
+    #[serde(skip)]
+    pub(in crate::whole) parts: Parts,
 }
 
-/// Signals, with their units.
-const SIGNALS: [(&str, &str); 4] = [
-    ("position_rmse_rad", "rad"),
-    ("effort_rmse_nm", "N m"),
-    ("link_rmse_rad", "rad"),
-    ("pose_rmse_m", "m"),
-];
+/// Errors of one joint before and after.
+#[derive(Debug, Clone, PartialEq)]
+pub(in crate::whole) struct JointRow {
+    pub(in crate::whole) joint: usize,
+    pub(in crate::whole) angle_rad: Option<[f64; 2]>,
+    pub(in crate::whole) torque_nm: Option<[f64; 2]>,
+}
 
-/// Squares and their count by signal.
-#[derive(Default)]
-struct Sums([(f64, f64); 4]);
+/// What the errors of the held-out runs are made of.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(in crate::whole) struct Parts {
+    /// By cause, in the order of the search: errors with this cause alone, on nominal numbers where they fit best.
+    pub(in crate::whole) alone: Vec<BTreeMap<&'static str, f64>>,
+    /// Errors of each run with the causes, by signal.
+    pub(in crate::whole) by_run: BTreeMap<&'static str, Vec<f64>>,
+    /// By joint.
+    pub(in crate::whole) joints: Vec<JointRow>,
+    /// By regime of the motion.
+    pub(in crate::whole) regimes: Vec<RegimeRow>,
+}
 
-impl Sums {
-    fn add(&mut self, signal: usize, square: f64) {
-        self.0[signal].0 += square;
-        self.0[signal].1 += 1.0;
-    }
+/// An error of a signal, of a joint or of the robot.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Error {
+    /// Place in [`SIGNALS`].
+    pub(super) signal: usize,
+    pub(super) joint: Option<usize>,
+    pub(super) run: usize,
+    pub(super) t_s: f64,
+    pub(super) value: f64,
+}
 
-    fn roots(&self) -> BTreeMap<&'static str, f64> {
-        let all = SIGNALS.iter().zip(&self.0);
-        let known = all.filter(|(_, s)| s.1 > 0.0);
-        known.map(|(n, s)| (n.0, (s.0 / s.1).sqrt())).collect()
-    }
+/// A block of torques or links of the held-out runs.
+struct Linear {
+    signal: usize,
+    joint: usize,
+    /// Number of the block that its columns were fitted in.
+    block: usize,
+    raw: Raw,
+    /// Run and instants of every segment.
+    at: Vec<(usize, Vec<f64>)>,
 }
 
 /// The held-out runs, ready to be compared with any state of the model.
@@ -74,8 +99,7 @@ struct Trial<'a> {
     as_sent: Asked<'a>,
     passes: &'a Passes<'a>,
     servos: Vec<Played>,
-    /// Signal, number of the block that it was fitted in, errors and columns.
-    linear: Vec<(usize, usize, Raw)>,
+    linear: Vec<Linear>,
     body: Option<Tier>,
 }
 
@@ -90,8 +114,8 @@ struct State {
 }
 
 impl Trial<'_> {
-    fn errors(&self, state: &State) -> BTreeMap<&'static str, f64> {
-        let mut sums = Sums::default();
+    /// Hands every error under a state to `then`.
+    fn each(&self, state: &State, then: &mut dyn FnMut(Error)) {
         for (k, servo) in self.servos.iter().enumerate() {
             let law = servo.law(state.joints[k].iter().copied());
             let asked = if state.as_sent {
@@ -99,25 +123,89 @@ impl Trial<'_> {
             } else {
                 &self.asked
             };
-            let of = asked.servo(k, self.passes.loads(), |inputs, _| errors_rad(inputs, &law));
-            let all = of.into_iter().flatten();
-            all.for_each(|rad| sums.add(0, rad * rad));
+            let (errors, runs) = asked.servo(k, self.passes.loads(), |inputs, _, runs| {
+                (errors_rad(inputs, &law), runs.to_vec())
+            });
+            for (run, errors) in runs.into_iter().zip(errors) {
+                for [t_s, value] in errors {
+                    let joint = Some(k);
+                    then(Error {
+                        signal: ANGLE,
+                        joint,
+                        run,
+                        t_s,
+                        value,
+                    });
+                }
+            }
         }
-        for (signal, block, raw) in &self.linear {
-            let own = state.columns.iter().filter(|c| c.0 == *block);
+        for linear in &self.linear {
+            let own = state.columns.iter().filter(|c| c.0 == linear.block);
             let by: Vec<(usize, f64)> = own.map(|c| (c.1, c.2)).collect();
-            for s in &raw.segments {
+            for (s, (run, t_s)) in linear.raw.segments.iter().zip(&linear.at) {
                 for (row, y) in s.y.iter().enumerate().filter(|r| s.weight[r.0] > 0.0) {
                     let there: f64 = by.iter().map(|(c, v)| v * s.x[*c][row]).sum();
-                    sums.add(*signal, (y - there).powi(2));
+                    then(Error {
+                        signal: linear.signal,
+                        joint: Some(linear.joint),
+                        run: *run,
+                        t_s: t_s[row],
+                        value: y - there,
+                    });
                 }
             }
         }
         if let Some(tier) = &self.body {
-            let ends = tier.errors(&state.body);
-            ends.iter().for_each(|e| sums.add(3, e[0] * e[0]));
+            for (w, end) in tier.windows.iter().zip(tier.ends(&state.body)) {
+                for (signal, value) in [POSE, HEADING].into_iter().zip(end.into_iter().flatten()) {
+                    let (run, t_s) = (w.run, w.from_s);
+                    then(Error {
+                        signal,
+                        joint: None,
+                        run,
+                        t_s,
+                        value,
+                    });
+                }
+            }
         }
-        sums.roots()
+    }
+
+    fn sums(&self, state: &State) -> Sums {
+        let mut sums = Sums::default();
+        self.each(state, &mut |e| {
+            sums.add(e.signal, (e.joint, e.run), e.value)
+        });
+        sums
+    }
+
+    /// What the errors `before` and `after` are made of.
+    fn parts(&self, before: (&State, &Sums), after: (&State, &Sums)) -> Parts {
+        let joint = |k: usize| {
+            let pair = |signal| {
+                let both = [before, after].map(|s| s.1.of_joint(signal, k));
+                Some([both[0]?, both[1]?])
+            };
+            let row = JointRow {
+                joint: k,
+                angle_rad: pair(ANGLE),
+                torque_nm: pair(TORQUE),
+            };
+            (row.angle_rad.is_some() || row.torque_nm.is_some()).then_some(row)
+        };
+        let most_nm = std::array::from_fn(|k| {
+            let own = after.0.joints[k].iter().copied();
+            self.servos[k].law(own).limit_nm()
+        });
+        let mut regimes = Regimes::new(&self.asked, self.passes.loads(), most_nm);
+        self.each(before.0, &mut |e| regimes.add(false, e));
+        self.each(after.0, &mut |e| regimes.add(true, e));
+        Parts {
+            alone: Vec::new(),
+            by_run: after.1.by_run(),
+            joints: (0..JOINTS).filter_map(joint).collect(),
+            regimes: regimes.rows(),
+        }
     }
 }
 
@@ -130,10 +218,7 @@ impl<'a> Passes<'a> {
             .iter()
             .map(|m| found.causes[*m].columns().collect())
             .collect();
-        let trial = self.trial(
-            &conventions,
-            owned.iter().flatten().any(|c| self.of_body(c.0)),
-        );
+        let trial = self.trial(&conventions);
         let on_the_way = |m: &usize| {
             let stage = found.causes[*m].effect.map(Effect::stage);
             matches!(stage, Some(Stage::Conventions | Stage::Transport))
@@ -164,21 +249,38 @@ impl<'a> Passes<'a> {
         let without = owned.iter().zip(named).map(|(own, m)| {
             let mut state = self.without(&after, &nominal, own);
             state.as_sent = on_the_way(m);
-            trial.errors(&state)
+            trial.sums(&state).roots()
         });
-        let runs = self.asked.held.iter();
+        let alone = (0..named.len()).map(|i| {
+            let mut state = after.clone();
+            for (other, own) in owned.iter().enumerate().filter(|o| o.0 != i) {
+                let beside: BTreeSet<_> = own.difference(&owned[i]).copied().collect();
+                state = self.without(&state, &nominal, &beside);
+                state.as_sent |= on_the_way(&named[other]);
+            }
+            trial.sums(&state).roots()
+        });
+        let [first, middle, last] = [&nominal, &calibrated, &after].map(|s| trial.sums(s));
+        let parts = trial.parts((&nominal, &first), (&after, &last));
         HeldOut {
-            runs: runs
+            runs: self
+                .asked
+                .held
+                .iter()
                 .map(|r| self.asked.data.runs[*r].name.clone())
                 .collect(),
             split: self.asked.split.to_owned(),
-            errors: shrinks([&nominal, &calibrated, &after].map(|s| trial.errors(s))),
+            errors: shrinks([&first, &middle, &last].map(|s| s.roots())),
             without: without.collect(),
+            parts: Parts {
+                alone: alone.collect(),
+                ..parts
+            },
         }
     }
 
-    /// The held-out runs; windows of the base only where a cause `moves` it.
-    fn trial<'b>(&'b self, as_sent: &'b Conventions, moves: bool) -> Trial<'b> {
+    /// The held-out runs.
+    fn trial<'b>(&'b self, as_sent: &'b Conventions) -> Trial<'b> {
         let asked = Asked {
             runs: self.asked.held,
             ..*self.asked
@@ -197,7 +299,7 @@ impl<'a> Passes<'a> {
             passes: self,
             servos: (0..JOINTS).map(|k| self.played(k)).collect(),
             linear: self.linear(&asked),
-            body: self.tier.as_deref().filter(|_| moves).and_then(held),
+            body: self.tier.as_deref().and_then(held),
         }
     }
 
@@ -217,7 +319,7 @@ impl<'a> Passes<'a> {
                 out.joints[k].retain(|x| x.0 != *c);
             }
             if self.of_body(*b) {
-                for (at, _) in &self.moves[*c].along {
+                for (at, _) in self.moves.get(*c).iter().flat_map(|m| &m.along) {
                     out.body[*at] = nominal.body[*at];
                 }
             }
@@ -226,24 +328,44 @@ impl<'a> Passes<'a> {
     }
 
     /// Torques and links of the held-out runs, where their columns are those of the blocks that were fitted.
-    fn linear(&self, asked: &Asked<'_>) -> Vec<(usize, usize, Raw)> {
+    fn linear(&self, asked: &Asked<'_>) -> Vec<Linear> {
         let (loads, drawn) = (self.loads(), asked.drawn());
         let mut out = Vec::new();
-        for (b, white) in self.whites.iter().enumerate() {
-            let Some(k) = white.site.joint else {
+        for (block, white) in self.whites.iter().enumerate() {
+            let Some(joint) = white.site.joint else {
                 continue;
             };
-            let (signal, raw) = match white.site.stage {
+            let (signal, raw, runs) = match white.site.stage {
                 Stage::Drivetrain => {
                     let sense = sense_in(&white.columns);
-                    (1, asked.torque_errors(k, loads, &drawn, sense))
+                    let raw = asked.torque_errors(joint, loads, &drawn, sense);
+                    (TORQUE, raw, asked.torque_runs(joint))
                 }
-                Stage::Transmission => (2, asked.link_errors(k, loads)),
+                Stage::Transmission => (
+                    LINK,
+                    asked.link_errors(joint, loads),
+                    asked.link_runs(joint),
+                ),
                 _ => continue,
             };
-            if let Some(raw) = raw.filter(|r| r.columns == white.columns) {
-                out.push((signal, b, raw));
-            }
+            let Some(raw) = raw.filter(|r| r.columns == white.columns) else {
+                continue;
+            };
+            let at = |r: usize| {
+                let position = asked.data.runs[r].joints[joint].position.as_ref()?;
+                let t_s = match signal {
+                    TORQUE => instants(position),
+                    _ => transmission::instants(position),
+                };
+                (!t_s.is_empty()).then_some((r, t_s))
+            };
+            out.push(Linear {
+                signal,
+                joint,
+                block,
+                raw,
+                at: runs.into_iter().filter_map(at).collect(),
+            });
         }
         out
     }

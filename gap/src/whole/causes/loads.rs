@@ -27,8 +27,10 @@ pub(super) type ByRun = Vec<[Vec<f64>; JOINTS]>;
 
 /// Loads along the measured motion.
 pub(super) struct Loads {
-    /// By make of the contacts, the nominal one first.
-    pub(super) makes: Vec<ByRun>,
+    /// Of the nominal model.
+    pub(super) nominal: ByRun,
+    /// What contacts of another make change, in other windows than those of the errors.
+    pub(super) make: ByRun,
     /// The part that balances weight.
     pub(super) gravity: ByRun,
     /// Change per coefficient of the body's parameters, with their columns.
@@ -84,15 +86,15 @@ impl Loads {
         let nominal = play(own.clone(), &windows);
         let mut creeping = own.clone();
         (creeping.pyramid, creeping.slip_m_s_n) = (!own.pyramid, CREEP_M_S_N);
-        let other = play(creeping, &windows);
         let mut heavy = own.clone();
         heavy.joints.iter_mut().for_each(|j| j.gravity_ratio += 1.0);
         let twice = |p: &Params| [0, 1].map(|i| play(p.clone(), &later[i]));
         let own = twice(&own);
-        let gravity = Change::between(&twice(&heavy), &own, [1.0; 2]).mean;
+        let changed = |there: &Params| Change::between(&twice(there), &own, [1.0; 2]).mean;
         Self {
-            makes: vec![nominal, other],
-            gravity,
+            nominal,
+            make: changed(&creeping),
+            gravity: changed(&heavy),
             body: Vec::new(),
             weight: Change::new(&own),
         }

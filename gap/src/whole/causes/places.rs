@@ -6,6 +6,8 @@ use serde::Serialize;
 
 use super::Explained;
 use crate::evidence::block::{Block, Owner};
+use crate::evidence::cause::Entries;
+use crate::math::{self, Rng};
 use crate::sentence;
 use crate::vocabulary::{Effect, Stage};
 
@@ -18,6 +20,9 @@ pub struct Place {
     pub joint: Option<usize>,
     /// Share of the squared errors, in units of their noise, which is taken off. All shares add up to one.
     pub share: f64,
+    /// 95 % interval of the share, from the uncertainty of the causes' sizes; none where no cause is named.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ci95: Option<[f64; 2]>,
     /// The place in words.
     #[serde(skip)]
     pub plain: String,
@@ -30,21 +35,55 @@ impl Place {
             stage: stage.map_or(UNEXPLAINED, Stage::name),
             joint,
             share,
+            ci95: None,
             plain: sentence::place(stage, &which, true),
         }
     }
 }
 
+/// A stage, or what no cause explains, and a joint.
+type Spot = (Option<Stage>, Option<usize>);
+
+/// Draws from the posterior for an interval.
+const DRAWS: usize = 100;
+
 /// Stage of what no cause explains.
-pub(super) const UNEXPLAINED: &str = "unexplained";
+pub(in crate::whole) const UNEXPLAINED: &str = "unexplained";
 
 impl Explained {
     /// Parts of the gap, largest first; none where no cause was found.
     pub(super) fn places(&self) -> Vec<Place> {
-        if self.found.best.members.is_empty() {
+        let named = &self.found.best.members;
+        if named.is_empty() {
             return Vec::new();
         }
-        let (members, always) = self.problem().by_member(&self.found.best.members);
+        let problem = self.problem();
+        let posterior = problem.posterior(named);
+        let mut drawn: BTreeMap<Spot, Vec<f64>> = BTreeMap::new();
+        let mut rng = Rng::new(0);
+        for _ in 0..DRAWS {
+            let latents = posterior.drawn(&mut rng);
+            for (spot, share) in self.shares(problem.with_latents(named, &latents)) {
+                drawn.entry(spot).or_default().push(share);
+            }
+        }
+        let shares = self.shares(problem.by_member(named));
+        let one = |(spot, share): (Spot, f64)| {
+            let mut all = drawn.remove(&spot).unwrap_or_default();
+            all.resize(DRAWS, 0.0);
+            let [low, high] = [0.025, 0.975].map(|q| math::quantile(&all, q));
+            Place {
+                ci95: Some([low.min(share), high.max(share)]),
+                ..Place::new(spot.0, spot.1, share)
+            }
+        };
+        let mut out: Vec<Place> = shares.into_iter().map(one).collect();
+        out.sort_by(|a, b| b.share.total_cmp(&a.share));
+        out
+    }
+
+    /// Shares of the gap by place under the coefficients of each member and of what is always there.
+    fn shares(&self, (members, always): (Vec<Entries>, Entries)) -> BTreeMap<Spot, f64> {
         let mut totals: Vec<Vec<f64>> = self
             .blocks
             .iter()
@@ -53,7 +92,7 @@ impl Explained {
         for (b, c, value) in members.iter().flatten().chain(&always) {
             totals[*b][*c] += value;
         }
-        let mut sums: BTreeMap<(Option<Stage>, Option<usize>), f64> = BTreeMap::new();
+        let mut sums: BTreeMap<Spot, f64> = BTreeMap::new();
         for (m, parts) in self.found.best.members.iter().zip(&members) {
             let stage = self.causes[*m].effect.map(Effect::stage);
             for (b, c, value) in parts {
@@ -73,10 +112,8 @@ impl Explained {
         }
         sums.retain(|_, sum| *sum > 0.0);
         let all: f64 = sums.values().sum();
-        let one = |((stage, joint), sum)| Place::new(stage, joint, sum / all);
-        let mut out: Vec<Place> = sums.into_iter().map(one).collect();
-        out.sort_by(|a, b| b.share.total_cmp(&a.share));
-        out
+        sums.values_mut().for_each(|sum| *sum /= all);
+        sums
     }
 }
 
@@ -104,7 +141,7 @@ mod tests {
     use crate::evidence::block::{Column, Segment, Site, White};
     use crate::evidence::cause::causes;
     use crate::evidence::search::{Found, Set};
-    use crate::math::{Rng, sin};
+    use crate::math::sin;
 
     const ROWS: usize = 400;
 

@@ -8,13 +8,13 @@ use super::super::blocks::position::Played;
 use super::super::body::Tier;
 use super::super::body_library::coordinates;
 use super::super::data::JOINTS;
-use super::super::search::{Candidate, Coordinate, Limits, Search};
+use super::super::fit::{Coordinate, Fit};
 use super::loads::Loads;
 use super::{Asked, Explained, Posed, Starts, World, groups};
 use crate::evidence::block::{Block, White};
 use crate::evidence::cause::{causes, shared_slack};
 use crate::evidence::search::Problem;
-use crate::vocabulary::{Effect, Stage};
+use crate::vocabulary::Stage;
 
 /// Most causes.
 const MOST: usize = 8;
@@ -67,7 +67,9 @@ impl<'a> Passes<'a> {
 
     /// The servo of joint `k` on the runs that are fitted.
     pub(super) fn played(&self, k: usize) -> Played {
-        self.asked.servo(k, self.loads(), Played::new)
+        self.asked.servo(k, self.loads(), |inputs, known, _| {
+            Played::new(inputs, known)
+        })
     }
 
     /// Linearises and searches.
@@ -127,7 +129,7 @@ impl<'a> Passes<'a> {
             if self.caused[k] {
                 self.played(k).fitted(start)
             } else {
-                start.clone()
+                self.asked.within(k, self.loads(), start.clone())
             }
         };
         let joints: Vec<_> = (0..JOINTS).into_par_iter().map(fit).collect();
@@ -164,24 +166,15 @@ impl<'a> Passes<'a> {
         let (moves, own) = (&self.moves, &self.coordinates);
         let nominal = Posed::nominal(self.asked.model).theta;
         let along = start.iter().flat_map(|s| &moves[s.0].along);
-        // A fit frees the coordinates of its candidates, whatever they are called.
-        let freed = Candidate {
-            effect: Effect::Mass,
-            joint: None,
-            free: along.map(|a| a.0).collect(),
-            starts: Vec::new(),
-        };
-        let search = Search {
+        let freed: Vec<usize> = along.map(|a| a.0).collect();
+        let fit = Fit {
             model: tier,
             coordinates: own,
-            candidates: &[freed],
-            limits: Limits {
-                independent: tier.len() as f64,
-                ..Limits::FIT
-            },
+            freed: &freed,
+            independent: tier.len() as f64,
         };
         let start = self.scaled(tier, start, &nominal);
-        let fit = search.fit(&placed(moves, &nominal, &start), &[0], STEPS);
+        let fit = fit.from(&placed(moves, &nominal, &start), STEPS);
         let theta = fit.theta;
         let open = |m: &Move| match m.along.as_slice() {
             [(at, _)] => own[*at].sigma > 0.0 && theta[*at] != nominal[*at],

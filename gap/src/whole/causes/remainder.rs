@@ -103,6 +103,7 @@ pub(super) fn places(left: &[Left]) -> Vec<Place> {
         stage: l.stage,
         joint: l.joint,
         share: square(l) / all,
+        ci95: None,
         plain: l.plain.clone(),
     };
     left.iter().map(one).collect()

@@ -7,8 +7,8 @@ use serde::Serialize;
 
 use super::places::{Place, UNEXPLAINED};
 use super::remainder::{self, Left};
-use super::{Explained, HeldOut};
-use crate::decide::{Calibration, MOST};
+use super::{Explained, HeldOut, Part};
+use crate::decide::{CLASS, Calibration, MOST};
 use crate::evidence::cause::{Cause, Scope};
 use crate::evidence::search::{Posterior, Rival};
 use crate::verdict::Estimate;
@@ -69,6 +69,9 @@ pub struct Row {
     /// Errors of the held-out runs, by signal, with all causes but this one; empty where none were compared.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub without: BTreeMap<&'static str, f64>,
+    /// The same with this cause alone.
+    #[serde(skip)]
+    pub(crate) alone: BTreeMap<&'static str, f64>,
 }
 
 /// The cause that comes nearest to what is asked of it and is not named.
@@ -135,8 +138,6 @@ pub struct Causes {
     pub null_robots: usize,
 }
 
-/// Likelihood ratios within which two causes are one class: a factor of 20 (Kass and Raftery 1995: strong).
-const CLASS: f64 = 3.0;
 /// Alternatives that are listed.
 const LISTED: usize = 5;
 
@@ -174,7 +175,7 @@ fn named(key: &'static str, of: Value) -> (&'static str, Value) {
     }
 }
 
-fn values(
+pub(super) fn values(
     cause: &Cause,
     p: &Posterior,
     first: usize,
@@ -304,37 +305,44 @@ fn sentence(word: Word, rows: &[Row], left: &[Left]) -> String {
     }
 }
 
+/// What a patch takes of a cause: one entry a joint, or one of the robot.
+pub(super) fn parts(
+    effect: Effect,
+    joints: &[usize],
+    values: &BTreeMap<&'static str, Value>,
+) -> Vec<Part> {
+    let of = |joint: Option<usize>| {
+        let values = values.iter().map(|(key, v)| {
+            let own = joint.and_then(|k| v.by_joint.get(&k));
+            let value = *own.unwrap_or(&v.value);
+            let ci95 = v.ci95.map(|end| end - v.value + value);
+            ((*key).to_owned(), Estimate { value, ci95 })
+        });
+        (effect, joint, values.collect())
+    };
+    if joints.is_empty() {
+        return vec![of(None)];
+    }
+    joints.iter().map(|k| of(Some(*k))).collect()
+}
+
 impl Row {
-    /// What a patch takes of it: one entry a joint, or one of the robot.
-    fn parts(&self) -> Vec<(Effect, Option<usize>, BTreeMap<String, Estimate>)> {
-        let Some(effect) = self.effect.and_then(Effect::from_name) else {
-            return Vec::new();
-        };
-        let of = |joint: Option<usize>| {
-            let values = self.values.iter().map(|(key, v)| {
-                let own = joint.and_then(|k| v.by_joint.get(&k));
-                let value = *own.unwrap_or(&v.value);
-                let ci95 = v.ci95.map(|end| end - v.value + value);
-                ((*key).to_owned(), Estimate { value, ci95 })
-            });
-            (effect, joint, values.collect())
-        };
-        if self.joints.is_empty() {
-            return vec![of(None)];
-        }
-        self.joints.iter().map(|k| of(Some(*k))).collect()
+    /// What a patch takes of it.
+    pub(in crate::whole) fn parts(&self) -> Vec<Part> {
+        let effect = self.effect.and_then(Effect::from_name);
+        effect.map_or_else(Vec::new, |e| parts(e, &self.joints, &self.values))
     }
 }
 
 impl Causes {
-    /// `model` with the causes found switched on, those that the simulator has.
+    /// `model` with the causes found switched on, those that the simulator has; `command` found them.
     #[must_use]
-    pub fn patch(&self, model: &Model) -> Model {
+    pub fn patch(&self, model: &Model, command: &str) -> Model {
         let parts: Vec<_> = self.causes.iter().flat_map(Row::parts).collect();
         let of = parts
             .iter()
             .map(|(effect, joint, values)| (*effect, *joint, values));
-        patched(model, of, "gap causes")
+        patched(model, of, command)
     }
 }
 
@@ -369,6 +377,7 @@ impl Explained {
                     asked: calibration.ask(&cause.into()),
                     alternatives,
                     without: held_out.without[i].clone(),
+                    alone: held_out.parts.alone[i].clone(),
                 }
             })
             .collect();

@@ -6,9 +6,10 @@ use super::{Asked, ORDER};
 use crate::evidence::block::White;
 use crate::whole::blocks::electrical;
 use crate::whole::data::{JOINTS, Run, Track};
+use crate::whole::nominal::Motors;
 
 /// What the drivers recorded of a joint's motor.
-pub(super) fn signals(run: &Run, k: usize) -> Option<electrical::Signals<'_>> {
+pub(in crate::whole) fn signals(run: &Run, k: usize) -> Option<electrical::Signals<'_>> {
     let j = &run.joints[k];
     Some(electrical::Signals {
         position: j.position.as_ref()?,
@@ -34,14 +35,18 @@ pub(super) fn effort(run: &Run, k: usize, motor: &electrical::Motor) -> Option<T
     })
 }
 
+/// The motor of joint `k` as the model states it.
+pub(in crate::whole) fn motor(motors: &Motors, k: usize) -> electrical::Motor {
+    electrical::Motor {
+        nm_per_a: motors.nm_per_a[k],
+        winding_ohm: motors.winding_ohm[k],
+        supply_v: motors.supply_v,
+    }
+}
+
 impl Asked<'_> {
     pub(super) fn motor(&self, k: usize) -> electrical::Motor {
-        let motors = &self.data.motors;
-        electrical::Motor {
-            nm_per_a: motors.nm_per_a[k],
-            winding_ohm: motors.winding_ohm[k],
-            supply_v: motors.supply_v,
-        }
+        motor(&self.data.motors, k)
     }
 
     /// Current that all joints draw in each run, A; empty where it was not recorded.

@@ -66,7 +66,8 @@ fn bad(e: impl Into<anyhow::Error>) -> Failure {
     Failure::new(Exit::BadFile, e.into())
 }
 
-fn calibration(path: Option<&Path>, robot: Robot) -> Outcome<Calibration> {
+/// The calibration in a file, or the shipped one of this kind.
+pub(super) fn calibration(path: Option<&Path>, robot: Robot) -> Outcome<Calibration> {
     match path {
         None if robot == Robot::Bench => Ok(Calibration::shipped_joint()),
         None => Ok(Calibration::shipped()),
@@ -115,7 +116,10 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     drop(phases);
     let found = found?;
     if let (Some(path), Answer::Robot(robot)) = (&args.patch, &found) {
-        disk::write(path, robot.0.patch(&robot.1).to_toml().as_bytes())?;
+        disk::write(
+            path,
+            robot.0.patch(&robot.1, "gap causes").to_toml().as_bytes(),
+        )?;
         context.out.wrote(path);
     }
     let mut json = found

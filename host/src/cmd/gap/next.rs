@@ -6,7 +6,7 @@ use control::gait::Gait;
 use control::machine::Machine;
 use control::robot::RobotModel;
 use gap::Diagnosis;
-use gap::verdict::{Verdict, Word};
+use gap::verdict::Verdict;
 use gap::vocabulary::{Effect, Stage};
 use gap::whole::Diagnosis as WholeDiagnosis;
 
@@ -72,7 +72,9 @@ pub(super) fn robot(d: &mut WholeDiagnosis, report: Option<PathBuf>) -> Outcome 
     let class = v.ambiguous.first();
     let (joint, name) = match class {
         Some(c) => (c.members.first().and_then(|m| m.joint), motion(&c.effects)),
-        None if v.verdict == Word::Unknown => (v.place.first().and_then(|p| p.joint), Some("slow")),
+        None if v.next_experiment.is_some() => {
+            (v.place.first().and_then(|p| p.joint), Some("slow"))
+        }
         None => (None, None),
     };
     let (Some(joint), Some(name)) = (joint, name) else {

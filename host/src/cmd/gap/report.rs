@@ -11,7 +11,7 @@ use gap::vocabulary::Effect;
 use gap::{Diagnosis, Settings};
 
 use super::input::{self, Input};
-use super::next;
+use super::{causes, next};
 use crate::cli::parse_duration;
 use crate::context::Context;
 use crate::disk;
@@ -51,6 +51,9 @@ pub(super) struct Args {
     /// Start from an earlier diagnosis of the same joint (file written by --patch) and name only what came on top
     #[arg(long, value_name = "FILE")]
     baseline: Option<PathBuf>,
+    /// Nulls of your own robots, written by `gap calibrate`, instead of the shipped ones
+    #[arg(long, value_name = "FILE")]
+    calibration: Option<PathBuf>,
 }
 
 /// Options of `gap predict`.
@@ -248,7 +251,8 @@ fn run_whole(
         seed: args.seed,
         withhold: args.withhold.clone(),
     };
-    let mut d = super::whole::run(data, input, &settings, context)?;
+    let calibration = causes::calibration(args.calibration.as_deref(), input.manifest.robot)?;
+    let mut d = super::whole::run(data, input, (&settings, &calibration), context)?;
     next::robot(&mut d, targets.beside())?;
     let texts = Texts {
         subject: &input.subject,
@@ -264,6 +268,11 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     let input = input::read(&data, context)?;
     if input.manifest.joints() > 1 {
         return run_whole(args, &data, &input, &targets, context);
+    }
+    if args.calibration.is_some() {
+        let message =
+            "--calibration is for a whole robot; `rb-host gap causes` takes one of joints";
+        return Err(Failure::say(Exit::Usage, message));
     }
     let settings = Settings {
         seed: args.seed,

@@ -4,7 +4,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use files::model::Model;
-use gap::whole::{Diagnosis, Film, PHASES, Settings, diagnose_watched};
+use gap::decide::Calibration;
+use gap::whole::{DataSet, Diagnosis, Film, PHASES, Settings, diagnose_watched};
 
 use super::input::Input;
 use crate::context::Context;
@@ -53,13 +54,13 @@ pub(super) fn films(data: &Path, input: &Input) -> Outcome<Vec<Film>> {
 }
 
 /// Share of the work that is usually done when each phase begins, as measured on robots with four gaits.
-const SHARES: [f64; PHASES.len()] = [0.0, 0.35, 0.4, 0.42, 0.5, 0.52, 0.54];
+const SHARES: [f64; PHASES.len()] = [0.0, 0.1, 0.8, 0.9];
 
 /// Diagnoses a data set and adds where the figures come from; says which phase it is in.
 pub(super) fn run(
     data: &Path,
     input: &Input,
-    settings: &Settings,
+    (settings, calibration): (&Settings, &Calibration),
     context: &Context,
 ) -> Outcome<Diagnosis> {
     let start = Instant::now();
@@ -73,12 +74,13 @@ pub(super) fn run(
     };
     let model = model(data, input)?;
     let films = films(data, input)?;
-    let recorded = (
-        &input.manifest,
-        input.recordings.as_slice(),
-        films.as_slice(),
-    );
-    let mut d = diagnose_watched(recorded, &model, settings, &begins)
+    let set = DataSet {
+        manifest: &input.manifest,
+        recordings: &input.recordings,
+        films: &films,
+        model: &model,
+    };
+    let mut d = diagnose_watched(set, settings, calibration, &begins)
         .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?;
     let provenance = &mut d.verdict_mut().provenance;
     provenance.data_sha256.clone_from(&input.sha256);
@@ -101,7 +103,10 @@ pub(super) fn predict(
             Model::parse(&path.display().to_string(), &text)
                 .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?
         }
-        None => run(data, input, &Settings::default(), context)?.patch(),
+        None => {
+            let shipped = (&Settings::default(), &Calibration::shipped());
+            run(data, input, shipped, context)?.patch()
+        }
     };
     gap::whole::predict(&input.manifest, &input.recordings, &model)
         .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))

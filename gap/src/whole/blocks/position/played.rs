@@ -6,8 +6,7 @@ use super::servo::{Grid, Law};
 use super::shapes::Shape;
 use super::{Input, Known, LEAST_RAD, SHARE, less, shapes, spread_rad};
 use crate::evidence::block::Column;
-use crate::vocabulary::Effect;
-use crate::whole::search::{Candidate, Coordinate, Evaluate, Limits, Search};
+use crate::whole::fit::{Coordinate, Evaluate, Fit};
 
 /// Most steps of a fit.
 const STEPS: usize = 12;
@@ -46,7 +45,6 @@ fn coordinate(column: &Column, sigma: f64) -> Coordinate {
         neutral: 0.0,
         sigma,
         step: STEP * size,
-        least: 0.0,
         range: [least, MOST * size],
     }
 }
@@ -86,8 +84,12 @@ impl Played {
         // What a cause changes has no tolerance beside it.
         let kind = |shape: &Shape| discriminant(&shape.change);
         let moved: Vec<_> = free.iter().map(|c| kind(&self.shapes[*c])).collect();
+        // Of the columns of one speed limit the first is the number itself.
+        let sizes = self.shapes.iter().filter(|s| s.column.slack > 0.0);
+        let one = sizes.map(|s| s.change.limits()).fold(0.0, f64::min);
         let sigma = |s: &Shape| {
-            if moved.contains(&kind(s)) {
+            let another = s.change.limits() != 0.0 && s.change.limits() != one;
+            if moved.contains(&kind(s)) || another {
                 0.0
             } else {
                 s.column.slack
@@ -103,36 +105,29 @@ impl Played {
             let [low, high] = coordinates[*c].range;
             theta[*c] = by.clamp(low, high);
         }
-        // A fit frees the coordinates of its candidates, whatever they are called.
-        let freed = Candidate {
-            effect: Effect::LoopGain,
-            joint: None,
-            free,
-            starts: Vec::new(),
-        };
-        let search = Search {
+        let fit = Fit {
             model: self,
             coordinates: &coordinates,
-            candidates: &[freed],
-            limits: Limits {
-                independent: self.independent,
-                ..Limits::FIT
-            },
+            freed: &free,
+            independent: self.independent,
         };
-        let theta = search.fit(&theta, &[0], STEPS).theta;
+        let theta = fit.from(&theta, STEPS).theta;
         let moved = theta.into_iter().enumerate();
         moved.filter(|(_, by)| *by != 0.0).collect()
     }
 }
 
-/// Root mean square errors of the angle by run under a law, rad; `None` for a run that is too short.
-pub(in crate::whole) fn errors_rad(inputs: &[Input<'_>], law: &Law) -> Vec<Option<f64>> {
+/// Errors of the angle by run under a law, each with its instant, s and rad; none of a run that is too short.
+pub(in crate::whole) fn errors_rad(inputs: &[Input<'_>], law: &Law) -> Vec<Vec<[f64; 2]>> {
     let run = |input: &Input<'_>| {
-        let g = Grid::new(input)?;
-        Some(crate::math::rms(&less(
-            &g.compared(&g.simulated(law)),
-            &g.angles(),
-        )))
+        let Some(g) = Grid::new(input) else {
+            return Vec::new();
+        };
+        let errors = less(&g.compared(&g.simulated(law)), &g.angles());
+        g.instants_s()
+            .zip(errors)
+            .map(|(t_s, e)| [t_s, e])
+            .collect()
     };
     inputs.iter().map(run).collect()
 }

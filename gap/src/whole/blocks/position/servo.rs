@@ -68,6 +68,11 @@ pub(in crate::whole) struct Law {
 }
 
 impl Law {
+    /// Largest torque, N m; infinite where the law has no limit.
+    pub(in crate::whole) const fn limit_nm(&self) -> f64 {
+        self.torque_nm
+    }
+
     /// The nominal one.
     pub(super) fn nominal(servo: &Nominal) -> Self {
         Self {
@@ -270,6 +275,12 @@ impl Grid {
     /// Measured angles that are compared.
     pub(super) fn angles(&self) -> Vec<f64> {
         self.rows.iter().map(|r| r.q).collect()
+    }
+
+    /// Instants at which angles are compared, s.
+    pub(super) fn instants_s(&self) -> impl Iterator<Item = f64> + '_ {
+        let at = |r: &Row| self.from_s + (r.step as f64 + r.share) * STEP_S;
+        self.rows.iter().map(at)
     }
 
     /// An answer at the compared instants.

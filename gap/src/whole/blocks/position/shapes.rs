@@ -27,6 +27,8 @@ const TORQUES_NM: [f64; 23] = [
     1.23, 1.48, 1.78, 2.13, 2.56, 3.1, 3.7, 4.4,
 ];
 
+/// Least tolerance of a stated gain or speed limit, as a share: what rounding of a data sheet leaves.
+pub(super) const LEAST_TOLERANCE: f64 = 0.01;
 /// Numbers of the shapes that no effect has: of the servo's own, not of the drivetrain's.
 const DRIFT: usize = 300;
 const LOPSIDED: usize = 301;
@@ -57,6 +59,14 @@ pub(super) enum Change {
 }
 
 impl Change {
+    /// Share of the speed limit that a unit of it takes off.
+    pub(super) const fn limits(self) -> f64 {
+        match self {
+            Self::Limit(size) => size,
+            _ => 0.0,
+        }
+    }
+
     /// The law with `by` of the change.
     pub(super) fn on(self, mut law: Law, by: f64) -> Law {
         match self {
@@ -113,8 +123,8 @@ pub(super) fn shapes(known: &Known, load_nm: f64) -> Vec<Shape> {
 }
 
 fn conventions(known: &Known) -> Vec<Shape> {
-    let tolerance = known.nominal.gain_tolerance.max(0.01);
-    let speed = known.speed_tolerance.max(0.01);
+    let tolerance = known.nominal.gain_tolerance.max(LEAST_TOLERANCE);
+    let speed = known.speed_tolerance.max(LEAST_TOLERANCE);
     let mut out = vec![
         shape(
             Column::linear(Effect::JointOffset, "offset_rad", 0.0, 0.1),
