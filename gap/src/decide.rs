@@ -13,6 +13,8 @@ use crate::vocabulary::Effect;
 pub const LEVEL: f64 = 0.01;
 /// Share of the squares beyond the noise that stays, above which what was named is not what is there: of joints and of robots.
 pub const MOST: f64 = 0.5;
+/// Standard deviations of its prior from which a size is not plausible.
+pub const PLAUSIBLE: f64 = 2.0;
 /// Likelihood ratios within which two causes are one class: a factor of 20 (Kass and Raftery 1995: strong).
 pub const CLASS: f64 = 3.0;
 

@@ -8,7 +8,7 @@ use super::linear::backward;
 /// before any robot was diagnosed with it, by no calibration.
 const STAYS: f64 = 0.2;
 /// Tolerances within which a nominal number is still the one that is stated; beyond them it is a cause, as labels of suites count it.
-const REACH: f64 = 3.0;
+pub(crate) const REACH: f64 = 3.0;
 
 /// Column and coefficient of the nominal numbers of `block`, under what robots without a cause differ by.
 #[must_use]

@@ -70,8 +70,19 @@ pub(super) fn next(classes: &[Ambiguous], word: Word, late: bool) -> Option<Next
 
 #[cfg(test)]
 mod tests {
-    use super::separate_by;
+    use super::{next, separate_by};
+    use crate::verdict::Word;
     use crate::vocabulary::Effect;
+
+    #[test]
+    fn an_unknown_way_of_set_points_asks_for_the_echo_and_nothing_open_for_nothing() {
+        let asked = |word, late| next(&[], word, late).map(|n| n.text);
+        let echo = asked(Word::Unknown, true).expect("something to record");
+        assert!(echo.contains("applied_setpoint_rad"), "{echo}");
+        let joint = asked(Word::Unknown, false).expect("something to record");
+        assert!(joint.contains("alone in the air"), "{joint}");
+        assert_eq!(asked(Word::None, true), None);
+    }
 
     #[test]
     fn nobody_is_asked_to_record_what_he_recorded() {

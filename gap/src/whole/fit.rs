@@ -3,6 +3,7 @@
 use rayon::prelude::*;
 
 use super::least::{Block, blocks, cost, solve, total};
+use crate::evidence::settle::REACH;
 
 /// What is fitted.
 pub(super) trait Evaluate: Sync {
@@ -32,8 +33,6 @@ pub(super) struct Fitted {
     pub(super) spread: Vec<f64>,
 }
 
-/// Tolerances within which a number stays that is not freed.
-const BEYOND: f64 = 3.0;
 /// Damping of the first step, and factors after a step that helps and one that does not.
 const DAMPING: f64 = 1e-3;
 const EASIER: f64 = 0.2;
@@ -89,7 +88,7 @@ impl<E: Evaluate> Fit<'_, E> {
         if c.sigma == 0.0 || self.freed.contains(&i) {
             return c.range;
         }
-        let reach = BEYOND * c.sigma;
+        let reach = REACH * c.sigma;
         let low = (c.neutral - reach).max(c.range[0]);
         [low, (c.neutral + reach).min(c.range[1]).max(low)]
     }

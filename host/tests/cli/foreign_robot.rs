@@ -4,7 +4,7 @@
 use crate::foreign_reality::{played, verdict};
 
 /// Cases of the script, and the effect that causes their gap, with its joint, parameter, value and how far off that may be; none for the robot that is as stated.
-/// `bi_` has an inertial sensor, whose windows are sharp enough to tell the engines' contacts apart; `di_` stands on contacts as MuJoCo comes with. Delays: set-points are 50 ms apart, readings 25.
+/// `bi_` has an inertial sensor; `di_` stands on contacts as MuJoCo comes with. Delays: set-points are 50 ms apart, readings 25.
 const CASES: [(&str, Option<Cause>); 5] = [
     ("w_null", None),
     ("bi_null_a", None),

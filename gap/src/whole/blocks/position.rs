@@ -10,6 +10,7 @@ mod servo;
 mod shapes;
 
 use crate::evidence::block::{Column, Raw, Segment, Site};
+use crate::evidence::settle::REACH;
 use crate::vocabulary::{Effect, Stage};
 
 use super::super::data::Track;
@@ -164,9 +165,6 @@ fn shapes(known: &Known, grids: &[Grid]) -> Vec<Shape> {
     }
     all
 }
-
-/// Tolerances within which a speed limit is still the one that is stated.
-const REACH: f64 = 3.0;
 
 /// Coefficients of nominal numbers, of which those of the speed limit together stay within its tolerance: it has a column
 /// for each of several sizes.

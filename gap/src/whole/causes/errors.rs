@@ -18,7 +18,7 @@ pub(super) const LINK: usize = 2;
 pub(super) const POSE: usize = 3;
 pub(super) const HEADING: usize = 4;
 
-/// Sums of squares and their numbers by signal, joint and run; of the base by gait.
+/// Sums of squares and their numbers by signal, joint and run.
 #[derive(Default)]
 pub(super) struct Sums(BTreeMap<(usize, Option<usize>, usize), (f64, f64)>);
 

@@ -172,19 +172,32 @@ impl Trial<'_> {
     }
 
     fn sums(&self, state: &State) -> Sums {
+        self.sums_and(state, |_| {})
+    }
+
+    /// The same, of errors that `also` hears.
+    fn sums_and(&self, state: &State, mut also: impl FnMut(Error)) -> Sums {
         let mut sums = Sums::default();
         self.each(state, &mut |e| {
-            sums.add(e.signal, (e.joint, e.run), e.value)
+            sums.add(e.signal, (e.joint, e.run), e.value);
+            also(e);
         });
         sums
     }
 
-    /// What the errors `before` and `after` are made of.
-    fn parts(&self, before: (&State, &Sums), after: (&State, &Sums)) -> Parts {
+    /// Errors before and after, and what they are made of; each state is played once.
+    fn parts(&self, before: &State, after: &State) -> ([Sums; 2], Parts) {
+        let most_nm = std::array::from_fn(|k| {
+            let own = after.joints[k].iter().copied();
+            self.servos[k].law(own).limit_nm()
+        });
+        let mut regimes = Regimes::new(&self.asked, self.passes.loads(), most_nm);
+        let both = [(before, false), (after, true)]
+            .map(|(state, last)| self.sums_and(state, |e| regimes.add(last, e)));
         let joint = |k: usize| {
             let pair = |signal| {
-                let both = [before, after].map(|s| s.1.of_joint(signal, k));
-                Some([both[0]?, both[1]?])
+                let [before, after] = [0, 1].map(|i| both[i].of_joint(signal, k));
+                Some([before?, after?])
             };
             let row = JointRow {
                 joint: k,
@@ -193,19 +206,13 @@ impl Trial<'_> {
             };
             (row.angle_rad.is_some() || row.torque_nm.is_some()).then_some(row)
         };
-        let most_nm = std::array::from_fn(|k| {
-            let own = after.0.joints[k].iter().copied();
-            self.servos[k].law(own).limit_nm()
-        });
-        let mut regimes = Regimes::new(&self.asked, self.passes.loads(), most_nm);
-        self.each(before.0, &mut |e| regimes.add(false, e));
-        self.each(after.0, &mut |e| regimes.add(true, e));
-        Parts {
+        let parts = Parts {
             alone: Vec::new(),
-            by_run: after.1.by_run(),
+            by_run: both[1].by_run(),
             joints: (0..JOINTS).filter_map(joint).collect(),
             regimes: regimes.rows(),
-        }
+        };
+        (both, parts)
     }
 }
 
@@ -260,8 +267,8 @@ impl<'a> Passes<'a> {
             }
             trial.sums(&state).roots()
         });
-        let [first, middle, last] = [&nominal, &calibrated, &after].map(|s| trial.sums(s));
-        let parts = trial.parts((&nominal, &first), (&after, &last));
+        let ([first, last], parts) = trial.parts(&nominal, &after);
+        let middle = trial.sums(&calibrated);
         HeldOut {
             runs: self
                 .asked

@@ -3,14 +3,11 @@
 use rayon::prelude::*;
 
 use super::Explained;
-use crate::decide::Calibration;
+use crate::decide::{Calibration, PLAUSIBLE};
 use crate::evidence::cause::Cause;
 use crate::report::words::{parameter, quantity};
 use crate::verdict::Unseen;
 use crate::vocabulary::{Effect, Stage};
-
-/// Standard deviations of its prior from which a size is not plausible.
-const PLAUSIBLE: f64 = 2.0;
 
 /// What was recorded.
 #[derive(Debug, Clone, Copy)]
@@ -89,6 +86,11 @@ impl Explained {
             return None;
         }
         let number = self.causes[c].numbers.first()?;
+        let known = effect.info().parameters.iter();
+        if !known.map(|p| p.key).any(|key| key == number.key) {
+            // What the search moves is not what people call its size.
+            return Some("no plausible size of it would be named".into());
+        }
         let unit: f64 = number.of_latents.iter().map(|l| l.1 * l.1).sum();
         let change = (number.scale * size * unit.sqrt()).abs();
         let (name, unit) = parameter(number.key);
