@@ -158,4 +158,12 @@ fn a_robot_without_a_cause_has_none_and_few_of_them_calibrate_nothing() {
     assert_eq!(calibrate(), first, "what is kept is read");
     std::fs::write(&first.0, "no blocks").unwrap();
     assert_eq!(calibrate().2, first.2, "what is damaged is made again");
+    let model = folder.path("nulls/one/model.toml");
+    let text = std::fs::read_to_string(&model).unwrap_or_else(|_| "format = 1\n".into());
+    let heavy = text.replace("0.325", "0.4");
+    assert_ne!(heavy, text, "{text}");
+    std::fs::write(&model, heavy).unwrap();
+    rb(&folder, &few).expect(3);
+    let kept = std::fs::read_dir(folder.path("kept")).unwrap();
+    assert_eq!(kept.count(), 2, "another model has blocks of its own");
 }

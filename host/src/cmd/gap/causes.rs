@@ -268,8 +268,10 @@ fn sets(folder: &Path) -> Outcome<Vec<PathBuf>> {
     Ok(out)
 }
 
-/// The file in `folder` for what a data set shows to this version of the program.
-fn file_of(folder: &Path, sha256: &str) -> PathBuf {
+/// The file in `folder` for what a data set shows to this version of the program, around the model that it states.
+fn file_of(folder: &Path, input: &input::Input, model: &Model) -> PathBuf {
+    let both = [input.sha256.as_str(), &model.to_toml()].concat();
+    let sha256 = input::hex(both.as_bytes());
     folder.join(format!("{}-{sha256}.blocks", env!("CARGO_PKG_VERSION")))
 }
 
@@ -295,7 +297,7 @@ impl Healthy {
             return Ok(manifest.robot);
         }
         let robot = Whole::read(set, &input)?;
-        let file = keep.map(|folder| file_of(folder, &input.sha256));
+        let file = keep.map(|folder| file_of(folder, &input, &robot.model));
         let before = file.as_ref().and_then(|f| std::fs::read(f).ok());
         let before = before.and_then(|bytes| kept::from_bytes(&bytes).ok());
         let blocks = if let Some(blocks) = before {
