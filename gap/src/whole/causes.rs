@@ -171,6 +171,7 @@ impl Asked<'_> {
             late_s: echo.late_s,
             applied,
             echoed: echo.late_s.is_some() || applied,
+            clocked: echo.skew != 1.0,
             row_s: inputs.first().map_or(0.02, |i| i.position.period_s()),
             loaded: borne.iter().all(Option::is_some) || self.tracked(),
         };

@@ -58,8 +58,10 @@ pub(in crate::whole) struct Known {
     pub(in crate::whole) applied: bool,
     /// Tolerance of the largest speed, as a share of it.
     pub(in crate::whole) speed_tolerance: f64,
-    /// The echo tells clock and rounding.
+    /// The echo tells losses and rounding.
     pub(in crate::whole) echoed: bool,
+    /// Set-points are on the robot's clock already: the echo shows how far it drifts.
+    pub(in crate::whole) clocked: bool,
     /// Time between rows, s.
     pub(in crate::whole) row_s: f64,
     /// The loads are measured, or replayed from a measured pose of the base.
@@ -257,7 +259,7 @@ pub(in crate::whole) fn raw(
         }
         segments.push(Segment {
             y,
-            weight: grid.weights(),
+            weight: grid.weights(&there),
             x,
         });
     }

@@ -17,7 +17,6 @@ const MOST: f64 = 20.0;
 /// A servo: its runs, and what may be different about it.
 pub(in crate::whole) struct Played {
     grids: Vec<Grid>,
-    weights: Vec<Vec<f64>>,
     shapes: Vec<Shape>,
     base: Law,
     tolerance_rad: f64,
@@ -25,15 +24,19 @@ pub(in crate::whole) struct Played {
     independent: f64,
 }
 
-impl Evaluate for Played {
+/// A servo whose angles count by these weights.
+struct Weighed<'a>(&'a Played, Vec<Vec<f64>>);
+
+impl Evaluate for Weighed<'_> {
     fn residuals(&self, theta: &[f64]) -> Vec<Vec<f64>> {
-        let law = self.law(theta.iter().copied().enumerate());
+        let Self(played, weights) = self;
+        let law = played.law(theta.iter().copied().enumerate());
         let run = |(g, weights): (&Grid, &Vec<f64>)| {
             let errors = less(&g.compared(&g.simulated(&law)), &g.angles());
             let weighed = errors.iter().zip(weights);
-            weighed.map(|(e, w)| w * e / self.tolerance_rad).collect()
+            weighed.map(|(e, w)| w * e / played.tolerance_rad).collect()
         };
-        self.grids.iter().zip(&self.weights).map(run).collect()
+        played.grids.iter().zip(weights).map(run).collect()
     }
 }
 
@@ -55,7 +58,6 @@ impl Played {
         let grids: Vec<Grid> = inputs.iter().filter_map(Grid::new).collect();
         let seconds: f64 = inputs.iter().map(|i| i.position.span_s()).sum();
         Self {
-            weights: grids.iter().map(Grid::weights).collect(),
             shapes: shapes(known, &grids),
             base: Law::nominal(&known.nominal),
             tolerance_rad: LEAST_RAD + SHARE * spread_rad(&grids),
@@ -105,8 +107,10 @@ impl Played {
             let [low, high] = coordinates[*c].range;
             theta[*c] = by.clamp(low, high);
         }
+        let there = self.law(theta.iter().copied().enumerate());
+        let weights = self.grids.iter().map(|g| g.weights(&there)).collect();
         let fit = Fit {
-            model: self,
+            model: &Weighed(self, weights),
             coordinates: &coordinates,
             freed: &free,
             independent: self.independent,
@@ -124,8 +128,8 @@ pub(in crate::whole) fn errors_rad(inputs: &[Input<'_>], law: &Law) -> Vec<Vec<[
             return Vec::new();
         };
         let errors = less(&g.compared(&g.simulated(law)), &g.angles());
-        g.instants_s()
-            .zip(errors)
+        let all = g.instants_s().zip(errors);
+        all.filter(|(t_s, _)| g.commanded(law, *t_s))
             .map(|(t_s, e)| [t_s, e])
             .collect()
     };

@@ -367,8 +367,16 @@ impl Grid {
         law.next(i, &[law.taken(0, c)], past, self.measured(i), speed)
     }
 
-    /// Weight of each compared angle: none at the start, at the motor's limit and while a joint comes back from there.
-    pub(super) fn weights(&self) -> Vec<f64> {
+    /// Whether `law` has a recorded set-point at an instant: a clock that is fast runs out of them before the end.
+    pub(super) fn commanded(&self, law: &Law, t_s: f64) -> bool {
+        let all = &self.command.t_s;
+        let end_s = all[all.len() - 1] + self.command.period_s();
+        t_s * law.clock - law.delay_s < end_s || law.clock <= 1.0
+    }
+
+    /// Weight of each compared angle under `law`: none at the start, without a set-point, at the motor's limit and while
+    /// a joint comes back from there.
+    pub(super) fn weights(&self, law: &Law) -> Vec<f64> {
         const AFTER: usize = (0.5 / STEP_S) as usize;
         let mut left = AFTER;
         let free: Vec<bool> = self
@@ -379,7 +387,10 @@ impl Grid {
                 left == 0
             })
             .collect();
-        let one = |r: &Row| f64::from(u8::from(free[r.step] && free[r.step + 1]));
-        self.rows.iter().map(one).collect()
+        let one = |(r, t_s): (&Row, f64)| {
+            let counts = free[r.step] && free[r.step + 1] && self.commanded(law, t_s);
+            f64::from(u8::from(counts))
+        };
+        self.rows.iter().zip(self.instants_s()).map(one).collect()
     }
 }

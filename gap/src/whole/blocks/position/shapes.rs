@@ -179,7 +179,8 @@ fn transport(known: &Known, out: &mut Vec<Shape>) {
         let column = Column::played(Effect::Latency, "delay_s", 0.0, d, i);
         out.push(shape(column, Change::Delay(d), 1.0));
     }
-    if !known.echoed {
+    // Rows show a drift by one row at least, the motion a smaller one too.
+    if !known.clocked {
         let column = Column::linear(Effect::ClockSkew, "ratio", 1.0, 0.005);
         let column = column.of_robot();
         out.push(shape(column, Change::Clock, 0.002));

@@ -28,6 +28,7 @@ fn known() -> Known {
         applied: false,
         speed_tolerance: 0.1,
         echoed: false,
+        clocked: false,
         row_s: ROW_S,
         loaded: true,
     }
@@ -324,4 +325,25 @@ fn a_cause_far_from_what_is_stated_is_fitted_where_it_is() {
         let left = crate::math::rms(&errors);
         assert!(left < 4.0 * NOISE_RAD, "{most_rad_s}: {left}");
     }
+}
+
+/// A driver whose clock is fast acts on set-points that were sent after the end of the recording.
+#[test]
+fn a_fast_clock_has_no_errors_where_its_set_points_are_not_recorded() {
+    let run = limited(2.5);
+    let inputs = [input(&run)];
+    let played = Played::new(&inputs, &known());
+    let clock = shapes(&known(), &[])
+        .iter()
+        .position(|s| matches!(s.change, Change::Clock))
+        .expect("a clock");
+    let end = |by: f64| {
+        let errors = errors_rad(&inputs, &played.law([(clock, by)]));
+        errors[0].last().map_or(0.0, |e| e[0])
+    };
+    let whole_s = end(0.0);
+    assert_eq!(end(-0.02), whole_s);
+    // Two in a hundred of twelve seconds.
+    let lost_s = whole_s - end(0.02);
+    assert!((0.1..0.3).contains(&lost_s), "{lost_s}");
 }
