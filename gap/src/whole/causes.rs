@@ -43,7 +43,7 @@ use loads::Loads;
 pub use places::Place;
 pub(super) use places::UNEXPLAINED;
 use readings::{reading, sure};
-use refine::Passes;
+use refine::{MOST, Passes};
 pub use remainder::Left;
 pub(super) use remainder::lefts;
 pub use rows::{Alternative, Causes, Nearest, Probabilities, Row, Value, Word};
@@ -436,7 +436,8 @@ pub(super) fn explain(
 ) -> (Causes, Beside) {
     begins(1);
     let mut search = Passes::new(asked, tier);
-    let mut out = search.pass();
+    // The strongest first: what a slope misses of it would be taken for other causes.
+    let mut out = search.pass(1);
     // Causes in the pass before, and whether what is found is linearised around itself.
     let (mut nothing, mut settled) = (true, false);
     for _ in 1..PASSES {
@@ -446,7 +447,7 @@ pub(super) fn explain(
             break;
         }
         search.refine(&out);
-        let next = search.pass();
+        let next = search.pass(MOST);
         settled = out.names() == next.names();
         out = next;
     }
@@ -507,7 +508,7 @@ type Part = (Effect, Option<usize>, BTreeMap<String, Estimate>);
 type Name = (Option<Effect>, Vec<usize>, Vec<(&'static str, f64)>);
 
 /// Passes of search and linearisation.
-const PASSES: usize = 3;
+const PASSES: usize = 4;
 
 /// Where body and loads are played.
 #[derive(Debug, Clone, PartialEq)]
