@@ -59,7 +59,7 @@ const AT_LIMIT: f64 = 0.95;
 const TURNED: f64 = -0.3;
 
 /// The groups of joints that may share a cause.
-fn groups() -> Vec<Group> {
+pub(super) fn groups() -> Vec<Group> {
     let of = |scope, joints: &[usize]| Group {
         scope,
         joints: joints.to_vec(),

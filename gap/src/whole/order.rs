@@ -2,7 +2,7 @@
 
 use super::blocks::electrical::misfit;
 use super::body::{B, SOFTER, Tier};
-use super::causes::{motor, signals};
+use super::causes::{groups, motor, signals};
 use super::conventions::permutations;
 use super::data::{Data, JOINTS};
 use super::windows::LinkMap;
@@ -67,14 +67,22 @@ impl Question<'_> {
         (self.tier.maps, self.tier.order) = hung;
         let numbers = FREEDOMS * self.tier.len() as f64;
         let cost = self.tier.thinned(theta, THIN);
-        // A joint that turns the other way is as rare as one that is accused without a cause.
-        let turned = hung.0.iter().filter(|m| m.ratio < 0.0).count() as f64;
-        let prior = turned * libm::log(LEVEL);
+        // A joint that turns the other way is as rare as one that is accused without a cause; so are joints together.
+        let prior = causes_of(&hung.0) * libm::log(LEVEL);
         Way {
             likelihood: prior + said(self.motors, &hung.1) - 0.5 * numbers * libm::log(cost),
             hung,
         }
     }
+}
+
+/// How many causes turn joints round as in `maps`: those of one group are one.
+fn causes_of(maps: &[LinkMap; JOINTS]) -> f64 {
+    let turned = |k: &usize| maps[*k].ratio < 0.0;
+    let each = (0..JOINTS).filter(turned).count();
+    let whole = groups().into_iter().filter(|g| g.joints.iter().all(turned));
+    let jointly = whole.map(|g| 1 + each - g.joints.len()).min();
+    jointly.unwrap_or(each) as f64
 }
 
 /// The likelier of two.
@@ -83,13 +91,16 @@ fn likelier(a: Way, b: Way) -> Way {
 }
 
 impl Question<'_> {
-    /// The best way that turns one joint round, or exchanges two.
+    /// The best way that turns one joint round or those of a group, or exchanges two.
     fn turned(&mut self, theta: &[f64], from: &Way) -> Way {
         let mut best = from.clone();
-        for a in 0..JOINTS {
+        let together = groups().into_iter().map(|g| g.joints);
+        for joints in together.chain((0..JOINTS).map(|k| vec![k])) {
             let (mut maps, order) = from.hung;
-            maps[a].ratio = -maps[a].ratio;
+            joints.iter().for_each(|k| maps[*k].ratio *= -1.0);
             best = likelier(best, self.way(theta, (maps, order)));
+        }
+        for a in 0..JOINTS {
             for b in a + 1..JOINTS {
                 let (maps, mut order) = from.hung;
                 order.swap(a, b);
@@ -161,8 +172,10 @@ pub(super) fn find(tier: &mut Tier, theta: &[f64], motors: &Motors) {
     let count = (permutations().len() / orders.len()).clamp(1, worlds.len());
     let mut best = told[tried[0]].clone();
     for w in &tried[..count] {
-        let from = question.best_order(&worlds[*w], &told[*w], &orders);
-        best = likelier(best, question.ascended(&worlds[*w], from));
+        let order = question.best_order(&worlds[*w], &told[*w], &orders);
+        for from in [told[*w].clone(), order] {
+            best = likelier(best, question.ascended(&worlds[*w], from));
+        }
     }
     // What came near in one world may be right in another one.
     for world in &worlds {
