@@ -361,11 +361,12 @@ pub fn calibrated(
     command: &str,
     source: &str,
 ) -> Result<Calibration, CalibrationError> {
+    let all = Spreads::learned(robots);
     let folds: Vec<Spreads> = (0..FOLDS)
         .map(|fold| {
             let others = robots.iter().enumerate().filter(|(i, _)| i % FOLDS != fold);
             let others: Vec<Vec<White>> = others.map(|(_, r)| r.clone()).collect();
-            Spreads::learned(&others)
+            all.of_most(&others)
         })
         .collect();
     let strongest: Vec<BTreeMap<Shown, f64>> = robots
@@ -375,7 +376,7 @@ pub fn calibrated(
         .collect();
     let lefts: Vec<_> = robots.iter().map(|r| causes::lefts(r)).collect();
     let mut out = Calibration::by_effect(&strongest, command, source)?.with_lefts(&lefts);
-    out.spreads = Spreads::learned(robots);
+    out.spreads = all;
     Ok(out)
 }
 

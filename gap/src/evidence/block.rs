@@ -1,7 +1,8 @@
 //! Blocks of prediction errors and their columns.
 
 use super::linear::{cholesky, dot, forward};
-use super::noise::{self, Whitening};
+use super::noise;
+pub use super::plays::Noisy;
 use crate::vocabulary::{Effect, Stage};
 
 /// Where a block of prediction errors was cut out of the chain.
@@ -60,7 +61,7 @@ pub struct Column {
     pub owner: Owner,
     /// Standard deviation of what simulators differ by in all blocks alike, and by which key.
     pub shared_slack: f64,
-    /// Name of that difference.
+    /// Name of that difference; empty where it is the parameter itself.
     pub slack_key: &'static str,
     /// What the choice of the shape costs, in units of the logarithm of the evidence.
     pub cost: f64,
@@ -196,6 +197,16 @@ impl Column {
         }
     }
 
+    /// Name of what blocks share.
+    #[must_use]
+    pub fn slack_key(&self) -> String {
+        let own = match self.meaning {
+            Meaning::Effect(e) if self.slack_key.is_empty() => e.name(),
+            _ => return self.slack_key.into(),
+        };
+        format!("{own}.{}.{}", self.parameter.key, self.shape)
+    }
+
     /// The same for a coefficient that the robot has once.
     #[must_use]
     pub fn of_robot(self) -> Self {
@@ -234,17 +245,6 @@ pub struct Raw {
     pub floor: f64,
     /// Columns that are means of plays which differ.
     pub noisy: Vec<Noisy>,
-}
-
-/// A column that is the mean of two plays.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Noisy {
-    /// The column.
-    pub column: usize,
-    /// Half of what the two differ by, by segment and row: as large as the error of their mean.
-    pub half: Vec<Vec<f64>>,
-    /// Coefficient with which the column is already part of the errors.
-    pub at: f64,
 }
 
 /// A whitened block without its nuisances: products of columns and errors.
@@ -373,10 +373,8 @@ impl White {
     #[must_use]
     pub fn new(raw: Raw, order: usize) -> Self {
         let before = root_mean_square(&raw.segments);
-        let (mut segments, white) = noise::whiten(&raw.segments, &raw.columns, order, raw.floor);
-        for noisy in &raw.noisy {
-            calibrated(&mut segments, noisy, &white);
-        }
+        let raw = raw.calibrated();
+        let (segments, white) = noise::whiten(&raw.segments, &raw.columns, order, raw.floor);
         let noise = white.noise;
         Self {
             left: white.slow / noise,
@@ -455,31 +453,6 @@ impl White {
     }
 }
 
-/// A noisy column as the expectation of the true one, by the share of its square that both plays have: from the mean
-/// itself a size would come out too small (regression calibration; Carroll et al. 2006, chapter 4).
-fn calibrated(segments: &mut [Segment], noisy: &Noisy, white: &Whitening) {
-    let (mut square, mut error) = (0.0, 0.0);
-    for (s, half) in segments.iter().zip(&noisy.half) {
-        let half = white.apply(half);
-        for ((w, x), d) in s.weight.iter().zip(&s.x[noisy.column]).zip(&half) {
-            square += w * x * x;
-            error += w * d * d;
-        }
-    }
-    let share = if square > 0.0 {
-        (1.0 - error / square).max(0.0)
-    } else {
-        1.0
-    };
-    for s in segments {
-        let x = &mut s.x[noisy.column];
-        for (y, x) in s.y.iter_mut().zip(x) {
-            *y -= noisy.at * (1.0 - share) * *x;
-            *x *= share;
-        }
-    }
-}
-
 impl Block {
     /// Product of two columns.
     #[must_use]
@@ -530,59 +503,5 @@ mod tests {
         assert!((block.square - 16.0).abs() < 1e-4, "{}", block.square);
         assert!((block.product(1, 1) - 1.0).abs() < 1e-4);
         assert!((block.moment[1] - 4.0).abs() < 1e-4);
-    }
-
-    #[test]
-    fn a_noisy_column_gives_the_size_that_the_true_one_has() {
-        use crate::math::Rng;
-        let mut rng = Rng::new(7);
-        let truth: Vec<f64> = (0..4000).map(|_| rng.normal()).collect();
-        let play = |rng: &mut Rng| -> Vec<f64> { truth.iter().map(|x| x + rng.normal()).collect() };
-        let (a, b) = (play(&mut rng), play(&mut rng));
-        let both = |of: fn(f64, f64) -> f64| -> Vec<f64> {
-            a.iter().zip(&b).map(|(a, b)| of(*a, *b)).collect()
-        };
-        let mean = both(|a, b| 0.5 * (a + b));
-        let mut size = |at: f64, noisy: bool| {
-            let half = vec![both(|a, b| 0.5 * (a - b))];
-            // Errors after `at` was played: counted from where nothing is by the column itself.
-            let errors = truth.iter().zip(&mean).map(|(t, m)| {
-                let played = 3.0 * t - at * t;
-                played + at * m
-            });
-            let segment = Segment {
-                y: errors.map(|e| e + 0.1 * rng.normal()).collect(),
-                x: vec![mean.clone()],
-                weight: vec![1.0; truth.len()],
-            };
-            let raw = Raw {
-                site: Site {
-                    stage: Stage::Drivetrain,
-                    joint: Some(0),
-                    blind: false,
-                    coarse: false,
-                },
-                columns: vec![column(0.0)],
-                segments: vec![segment],
-                floor: 0.0,
-                noisy: if noisy {
-                    vec![Noisy {
-                        column: 0,
-                        half,
-                        at,
-                    }]
-                } else {
-                    Vec::new()
-                },
-            };
-            let block = White::new(raw, 2);
-            block.products[1] / block.products[0]
-        };
-        // A mean of two has half of the noise: two thirds of its square are the truth's.
-        assert!((size(0.0, false) - 2.0).abs() < 0.1);
-        for at in [0.0, 3.0] {
-            let size = size(at, true);
-            assert!((size - 3.0).abs() < 0.15, "{size} around {at}");
-        }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::block::{Block, Meaning, Owner};
+use super::block::{Block, Column, Meaning, Owner, Site};
 use super::ensemble::{Spreads, kind};
 use crate::vocabulary::Effect;
 
@@ -94,7 +94,7 @@ const EXPECTED: f64 = 2.0;
 struct Part {
     joint: Option<usize>,
     /// Column, by parameter.
-    columns: Vec<(Entries, super::block::Column)>,
+    columns: Vec<(Entries, Column)>,
 }
 
 /// Parts of all blocks by effect and shape; an entry may stand in several blocks of one joint.
@@ -145,7 +145,7 @@ fn parts(blocks: &[Block]) -> Vec<Parts> {
 
 /// Puts the columns of parameters with one key together: one coefficient in several blocks.
 fn merged(part: &mut Part) {
-    let mut out: Vec<(Entries, super::block::Column)> = Vec::new();
+    let mut out: Vec<(Entries, Column)> = Vec::new();
     for (entries, column) in part.columns.drain(..) {
         let twin = out
             .iter_mut()
@@ -244,6 +244,14 @@ fn shared(
 /// slack: what the model states, and what robots without a cause show.
 #[must_use]
 pub fn shared_slack(blocks: &[Block], spreads: &Spreads) -> Vec<Cause> {
+    always(blocks.iter().map(|b| (&b.site, &*b.columns)), spreads)
+}
+
+/// The same of the columns of blocks at their sites.
+pub(super) fn always<'a>(
+    blocks: impl Iterator<Item = (&'a Site, &'a [Column])>,
+    spreads: &Spreads,
+) -> Vec<Cause> {
     // By key, means and spreads of the columns.
     let mut keys: Vec<(String, [Entries; 2])> = Vec::new();
     let mut add = |key: &str, (b, c): (usize, usize), [mean, spread]: [f64; 2]| {
@@ -257,12 +265,12 @@ pub fn shared_slack(blocks: &[Block], spreads: &Spreads) -> Vec<Cause> {
             means.push((b, c, mean));
         }
     };
-    for (b, block) in blocks.iter().enumerate() {
-        for (c, column) in block.columns.iter().enumerate() {
+    for (b, (site, columns)) in blocks.enumerate() {
+        for (c, column) in columns.iter().enumerate() {
             if column.shared_slack > 0.0 {
-                add(column.slack_key, (b, c), [0.0, column.shared_slack]);
+                add(&column.slack_key(), (b, c), [0.0, column.shared_slack]);
             }
-            if let Some(own) = spreads.alike(&block.site, column) {
+            if let Some(own) = spreads.alike(site, column) {
                 add(&own.name, (b, c), [own.mean, own.spread]);
             }
         }

@@ -9,8 +9,10 @@ use std::collections::BTreeMap;
 
 use rayon::prelude::*;
 
+use super::alike::Alike;
 use super::block::{Block, Column, Meaning, Site, White};
-use super::linear::{backward, cholesky, forward, inverse_diagonal, log_determinant};
+use super::cause::{Cause, Entries, always};
+use super::linear::{backward, cholesky, dot, forward, inverse, inverse_diagonal, log_determinant};
 use crate::vocabulary::Stage;
 
 /// Passes; the slowest columns move by 1 % in the last one.
@@ -22,8 +24,7 @@ const FEWEST: usize = 6;
 /// Share of a column's size below which its spread is nothing.
 const NOTHING: f64 = 1e-3;
 
-/// Model error that the search starts from, and that of a kind of block that no robot of the calibration had, as a share
-/// of the noise.
+/// Model error that learning starts from, as a share of the noise, and that of blocks without a calibration.
 const FIRST_ERROR: f64 = 0.03;
 /// The least model error of a servo, whose limits bend what is computed around one point. Chosen with robots of MuJoCo in
 /// view (development seed 1); without it the strongest of 190 nulls rises from 27 to 579.
@@ -34,6 +35,8 @@ const BENT: f64 = 0.12;
 const OTHER_LAW: f64 = 3e-4;
 /// The model error is looked for again after so many passes, and this far around the last one.
 const AGAIN: usize = 5;
+/// What robots have alike is looked for again after so many passes.
+const COMMON: usize = 10;
 const AROUND: [f64; 5] = [0.5, 0.7, 1.0, 1.4, 2.0];
 
 /// Standard deviations by column, and errors that no column has.
@@ -48,23 +51,6 @@ pub struct Spreads {
     #[serde(default)]
     pub model_error: BTreeMap<String, f64>,
 }
-
-/// What all joints of a robot have alike in one column of theirs.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Alike {
-    /// Name of the column.
-    pub name: String,
-    /// What robots without a cause have in the middle: where a replay is wrong in one direction, in other simulators too.
-    pub mean: f64,
-    /// Standard deviation around it.
-    pub spread: f64,
-}
-
-/// Logarithm of the likelihood ratio over all robots from which a difference counts as one that joints share, or its
-/// mean as one.
-const SHARED: f64 = 10.0;
-/// Most of them.
-const MOST: usize = 24;
 
 /// Name of a kind of block: its stage, and what in it is a guess.
 #[must_use]
@@ -112,19 +98,38 @@ impl<'a> Healthy<'a> {
         }
     }
 
-    /// Logarithm of the likelihood of the moments under standard deviations `sd`, where products count by the share
-    /// `by`; but for what neither changes.
-    fn likelihood(&self, sd: &[f64], by: f64) -> f64 {
-        let (own, l, half) = factored(self.block, sd, by);
+    /// Logarithm of the likelihood of the moments under standard deviations `sd` around `mean`, where products count by
+    /// the share `by`; but for what neither changes.
+    fn likelihood(&self, [sd, mean]: [&[f64]; 2], by: f64) -> f64 {
+        let c = mean.len();
+        let n = c + 1;
+        let (own, l, half) = factored_around(self.block, sd, mean, by);
         let explained: f64 = half.iter().map(|z| z * z).sum();
+        let row = |a: usize| -> f64 {
+            let by: f64 = (0..c)
+                .map(|b| mean[b] * self.block.products[a * n + b])
+                .sum();
+            mean[a] * (2.0 * self.block.products[a * n + c] - by)
+        };
+        let taken: f64 = (0..c).map(row).sum();
         0.5 * (self.rank * libm::log(by) - log_determinant(&l, own.len()) + explained
-            - by * self.full)
+            - by * (self.full - taken))
     }
 }
 
 /// Columns with a standard deviation `sd`, the factor of `1 + S G S` of them, and its half-solved moments; `by` is the
 /// share by which products count.
 pub(super) fn factored(block: &White, sd: &[f64], by: f64) -> (Vec<usize>, Vec<f64>, Vec<f64>) {
+    factored_around(block, sd, &[], by)
+}
+
+/// The same where coefficients have a `mean`.
+fn factored_around(
+    block: &White,
+    sd: &[f64],
+    mean: &[f64],
+    by: f64,
+) -> (Vec<usize>, Vec<f64>, Vec<f64>) {
     let c = block.columns.len();
     let n = c + 1;
     let own: Vec<usize> = (0..c).filter(|i| sd[*i] > 0.0).collect();
@@ -136,7 +141,8 @@ pub(super) fn factored(block: &White, sd: &[f64], by: f64) -> (Vec<usize>, Vec<f
             a[i * m + j] = by * sd[*p] * sd[*q] * block.products[p * n + q];
         }
         a[i * m + i] += 1.0;
-        z[i] = by * sd[*p] * block.products[p * n + c];
+        let row = &block.products[p * n..p * n + n];
+        z[i] = by * sd[*p] * (row[c] - dot(mean, &row[..mean.len()]));
     }
     let l = cholesky(&a, m);
     forward(&l, m, &mut z);
@@ -201,12 +207,14 @@ impl Spreads {
     }
 
     /// Share by which the products of a block count, for its model error, where causes explain the square `explained`
-    /// of its errors.
+    /// of its errors. A kind of block that no robot of the calibration had does not count.
     pub(super) fn share(&self, block: &White, explained: f64) -> f64 {
         let learned = self.model_error.get(&kind(&block.site)).copied();
         let error = learned.unwrap_or(FIRST_ERROR);
         match block.site.stage {
             _ if block.columns.len() == 1 => 1.0,
+            // What healthy robots leave in such blocks is not known.
+            _ if learned.is_none() && !self.model_error.is_empty() => 0.0,
             Stage::Driver => block.tempering(error.max(BENT), 0.0),
             Stage::Body => block.tempering(error, OTHER_LAW * explained),
             _ => block.tempering(error, 0.0),
@@ -223,45 +231,61 @@ impl Spreads {
     #[must_use]
     pub fn learned(robots: &[Vec<White>]) -> Self {
         let mut out = Self::default();
-        let own = robots.par_iter().flatten();
-        let blocks: Vec<Healthy<'_>> = own
-            .filter(|b| b.columns.len() > 1)
-            .map(Healthy::new)
-            .collect();
         let mut count: BTreeMap<String, usize> = BTreeMap::new();
-        for h in &blocks {
-            out.model_error.insert(h.kind.clone(), FIRST_ERROR);
-            for c in &h.block.columns {
-                if let Some(n) = name(&h.block.site, c) {
+        for b in robots.iter().flatten().filter(|b| b.columns.len() > 1) {
+            out.model_error.insert(kind(&b.site), FIRST_ERROR);
+            for c in &b.columns {
+                if let Some(n) = name(&b.site, c) {
                     *count.entry(n.clone()).or_default() += 1;
                     out.columns.insert(n, START * size(c));
                 }
             }
         }
         out.columns.retain(|n, _| count[n] >= FEWEST);
-        for pass in 1..=PASSES {
-            out.pass(&blocks);
-            if pass % AGAIN == 0 {
-                out.look_for_error(&blocks);
-            }
-        }
-        for h in &blocks {
-            for c in &h.block.columns {
-                if let Some(n) = name(&h.block.site, c)
+        out.passes(robots, PASSES);
+        for b in robots.iter().flatten() {
+            for c in &b.columns {
+                if let Some(n) = name(&b.site, c)
                     && out.columns.get(&n).is_some_and(|s| *s < NOTHING * size(c))
                 {
                     out.columns.remove(&n);
                 }
             }
         }
-        out.shared = out.common(robots);
         out
     }
 
+    /// What all but a few of the robots show, from what all of them showed.
+    #[must_use]
+    pub fn of_most(&self, robots: &[Vec<White>]) -> Self {
+        let mut out = self.clone();
+        out.passes(robots, COMMON);
+        out
+    }
+
+    fn passes(&mut self, robots: &[Vec<White>], passes: usize) {
+        let healthy: Vec<Vec<Healthy<'_>>> = robots
+            .par_iter()
+            .map(|r| {
+                let own = r.iter().filter(|b| b.columns.len() > 1);
+                own.map(Healthy::new).collect()
+            })
+            .collect();
+        for pass in 1..=passes {
+            self.pass(&healthy);
+            if pass % AGAIN == 0 {
+                self.look_for_error(&healthy);
+            }
+            if pass % COMMON == 0 {
+                self.shared = self.common(robots);
+            }
+        }
+    }
+
     /// One step of expectation and maximisation.
-    fn pass(&mut self, blocks: &[Healthy<'_>]) {
+    fn pass(&mut self, robots: &[Vec<Healthy<'_>>]) {
         let seconds: Vec<Vec<(String, f64)>> =
-            blocks.par_iter().map(|h| self.expected(h.block)).collect();
+            robots.par_iter().map(|r| self.expected(r)).collect();
         let mut sums: BTreeMap<String, (f64, f64)> = BTreeMap::new();
         for (n, square) in seconds.into_iter().flatten() {
             let slot = sums.entry(n).or_default();
@@ -272,14 +296,30 @@ impl Spreads {
         }
     }
 
+    /// What a block's coefficients are around, and by how much, where what robots have alike counts as the joint's own.
+    fn around(&self, block: &White) -> [Vec<f64>; 2] {
+        let mut sd = self.of(block);
+        let mut mean = vec![0.0; sd.len()];
+        for cause in always(std::iter::once((&block.site, &*block.columns)), self) {
+            cause.latents[0]
+                .iter()
+                .for_each(|(_, c, w)| sd[*c] = libm::hypot(sd[*c], *w));
+            cause.mean.iter().for_each(|(_, c, w)| mean[*c] += w);
+        }
+        [sd, mean]
+    }
+
     /// The model error of most likelihood, near the last one.
-    fn look_for_error(&mut self, blocks: &[Healthy<'_>]) {
+    fn look_for_error(&mut self, robots: &[Vec<Healthy<'_>>]) {
+        let own = robots.par_iter().flatten();
+        let blocks: Vec<(&Healthy<'_>, [Vec<f64>; 2])> =
+            own.map(|h| (h, self.around(h.block))).collect();
         let kinds: Vec<(String, f64)> = self.model_error.clone().into_iter().collect();
         for (kind, last) in kinds {
             let likelihood = |error: f64| -> f64 {
-                let own = blocks.par_iter().filter(|h| h.kind == kind);
+                let own = blocks.par_iter().filter(|h| h.0.kind == kind);
                 let each: Vec<f64> = own
-                    .map(|h| h.likelihood(&self.of(h.block), h.block.tempering(error, 0.0)))
+                    .map(|(h, [sd, mean])| h.likelihood([sd, mean], h.block.tempering(error, 0.0)))
                     .collect();
                 each.iter().sum()
             };
@@ -291,170 +331,146 @@ impl Spreads {
         }
     }
 
-    /// What all joints of a robot have alike: the differences that explain most, one after the other.
-    fn common(&self, robots: &[Vec<White>]) -> Vec<Alike> {
-        let mut robots: Vec<Sums> = robots.par_iter().map(|r| self.sums(r)).collect();
-        let mut names: Vec<String> = robots.iter().flat_map(|r| r.names.clone()).collect();
-        names.sort_unstable();
-        names.dedup();
-        let mut out: Vec<Alike> = Vec::new();
-        while out.len() < MOST {
-            let best = names
-                .par_iter()
-                .map(|n| {
-                    let own: Vec<[f64; 2]> = robots.iter().filter_map(|r| r.of(n)).collect();
-                    let [mean, spread] = likeliest(&own);
-                    (likelihood(&own, [mean, spread]), n, [mean, spread])
-                })
-                .max_by(|a, b| a.0.total_cmp(&b.0).then_with(|| b.1.cmp(a.1)));
-            let Some((_, n, [mean, spread])) = best.filter(|b| b.0 > SHARED) else {
-                break;
-            };
-            let found = Alike {
-                name: n.clone(),
-                mean,
-                spread,
-            };
-            robots.par_iter_mut().for_each(|r| r.take(&found));
-            out.push(found);
-        }
-        out
-    }
-
-    /// Information of a robot's joints about what they have alike, what each has by itself taken out.
-    fn sums(&self, robot: &[White]) -> Sums {
-        let mut out = Sums::default();
-        let joints = robot
+    /// Expected squares of the coefficients that each joint of a robot has by itself.
+    fn expected(&self, robot: &[Healthy<'_>]) -> Vec<(String, f64)> {
+        let columns = robot.iter().map(|h| (&h.block.site, &*h.block.columns));
+        let always = always(columns, self);
+        let blocks: Vec<Taken> = robot
             .iter()
-            .filter(|b| b.site.joint.is_some() && b.columns.len() > 1);
-        let named: Vec<(Block, Vec<Option<String>>)> = joints
-            .map(|w| {
-                let names = w.columns.iter().map(|c| name(&w.site, c)).collect();
-                (self.taken_from(w, 0.0), names)
-            })
-            .collect();
-        out.names = named
-            .iter()
-            .flat_map(|b| b.1.iter().flatten().cloned())
-            .collect();
-        out.names.sort_unstable();
-        out.names.dedup();
-        let n = out.names.len();
-        out.products = vec![0.0; n * n];
-        out.moments = vec![0.0; n];
-        for (block, names) in &named {
-            let at: Vec<Option<usize>> = names
-                .iter()
-                .map(|x| x.as_ref().and_then(|x| out.names.binary_search(x).ok()))
-                .collect();
-            for (c, i) in at.iter().enumerate() {
-                let Some(i) = i else { continue };
-                out.moments[*i] += block.moment[c];
-                for (d, j) in at.iter().enumerate() {
-                    if let Some(j) = j {
-                        out.products[i * n + j] += block.product(c, d);
-                    }
-                }
-            }
-        }
-        out
-    }
-
-    /// Expected squares of a block's coefficients.
-    fn expected(&self, block: &White) -> Vec<(String, f64)> {
-        let (spread, by) = (self.of(block), self.share(block, 0.0));
-        let (own, l, mut mean) = factored(block, &spread, by);
-        let m = own.len();
-        let variance = inverse_diagonal(&l, m);
-        backward(&l, m, &mut mean);
-        let n = block.columns.len() + 1;
-        own.iter()
             .enumerate()
-            .filter_map(|(i, p)| {
-                let square = mean[i] * mean[i] + variance[i];
-                // What a column cannot show in this block says nothing about its spread.
-                let shows = block.products[p * n + p] * by * size(&block.columns[*p]).powi(2) > 1.0;
-                let n = name(&block.site, &block.columns[*p]).filter(|_| shows)?;
-                Some((n, spread[*p] * spread[*p] * square))
+            .map(|(b, h)| {
+                let (sd, by) = (self.of(h.block), self.share(h.block, 0.0));
+                Taken::new(h.block, (sd, by), b, &always)
             })
+            .collect();
+        let k = always.len();
+        let mut precision = vec![0.0; k * k];
+        let mut moments = vec![0.0; k];
+        (0..k).for_each(|i| precision[i * k + i] = 1.0);
+        for taken in &blocks {
+            taken.told(&mut precision, &mut moments, k);
+        }
+        let covariance = inverse(&cholesky(&precision, k), k);
+        let mean: Vec<f64> = (0..k)
+            .map(|i| dot(&covariance[i * k..(i + 1) * k], &moments))
+            .collect();
+        robot
+            .iter()
+            .zip(&blocks)
+            .flat_map(|(h, taken)| taken.squares(h.block, &mean, &covariance))
             .collect()
     }
 }
 
-/// Products and moments of a robot's columns, each summed over its joints.
-#[derive(Debug, Default)]
-struct Sums {
-    names: Vec<String>,
-    products: Vec<f64>,
-    moments: Vec<f64>,
+/// A block of a robot with what its joint has by itself taken out, for what the robot has alike.
+struct Taken {
+    sd: Vec<f64>,
+    by: f64,
+    own: Vec<usize>,
+    l: Vec<f64>,
+    /// Half-solved moments.
+    half: Vec<f64>,
+    /// What is alike here: its number, half-solved products, products with the others here, moment.
+    alike: Vec<(usize, Vec<f64>, Vec<f64>, f64)>,
 }
 
-impl Sums {
-    /// Product and moment of one column; `None` where it shows nothing.
-    fn of(&self, name: &String) -> Option<[f64; 2]> {
-        let i = self.names.binary_search(name).ok()?;
-        let product = self.products[i * self.names.len() + i];
-        (product > 0.0).then_some([product, self.moments[i]])
+impl Taken {
+    fn new(block: &White, (sd, by): (Vec<f64>, f64), at: usize, always: &[Cause]) -> Self {
+        let c = block.columns.len();
+        let n = c + 1;
+        let of = |entries: &Entries| -> Vec<(usize, f64)> {
+            let own = entries.iter().filter(|e| e.0 == at);
+            own.map(|e| (e.1, e.2)).collect()
+        };
+        let mut mean = vec![0.0; c];
+        for (i, w) in always.iter().flat_map(|a| of(&a.mean)) {
+            mean[i] += w;
+        }
+        let (own, l, half) = factored_around(block, &sd, &mean, by);
+        let latents = always.iter().enumerate();
+        let here: Vec<(usize, Vec<(usize, f64)>)> = latents
+            .map(|(k, a)| (k, of(&a.latents[0])))
+            .filter(|h| !h.1.is_empty())
+            .collect();
+        let along = |entries: &[(usize, f64)], a: usize| -> f64 {
+            let each = entries.iter().map(|(b, w)| w * block.products[a * n + b]);
+            by * each.sum::<f64>()
+        };
+        let alike = here
+            .iter()
+            .map(|(k, entries)| {
+                let mut z: Vec<f64> = own.iter().map(|p| sd[*p] * along(entries, *p)).collect();
+                forward(&l, own.len(), &mut z);
+                let with = |other: &[(usize, f64)]| -> f64 {
+                    other.iter().map(|(a, w)| w * along(entries, *a)).sum()
+                };
+                let products = here.iter().map(|(_, other)| with(other)).collect();
+                let moment: f64 = entries
+                    .iter()
+                    .map(|(a, w)| {
+                        let row = &block.products[a * n..a * n + n];
+                        w * by * (row[c] - dot(&mean, &row[..c]))
+                    })
+                    .sum();
+                (*k, z, products, moment)
+            })
+            .collect();
+        Self {
+            sd,
+            by,
+            own,
+            l,
+            half,
+            alike,
+        }
     }
 
-    /// Takes out what robots have alike.
-    fn take(&mut self, alike: &Alike) {
-        let Ok(k) = self.names.binary_search(&alike.name) else {
-            return;
-        };
-        let n = self.names.len();
-        let row = self.products[k * n..(k + 1) * n].to_vec();
-        for (moment, product) in self.moments.iter_mut().zip(&row) {
-            *moment -= alike.mean * product;
-        }
-        let by = 1.0 / (row[k] + 1.0 / (alike.spread * alike.spread));
-        let moment = self.moments[k];
-        for i in 0..n {
-            self.moments[i] -= by * row[i] * moment;
-            for j in 0..n {
-                self.products[i * n + j] -= by * row[i] * row[j];
+    /// Adds what the block says of what is alike to its precision and moments.
+    fn told(&self, precision: &mut [f64], moments: &mut [f64], k: usize) {
+        for (i, z, products, moment) in &self.alike {
+            moments[*i] += moment - dot(z, &self.half);
+            for ((j, other, _, _), product) in self.alike.iter().zip(products) {
+                precision[i * k + j] += product - dot(z, other);
             }
         }
     }
-}
 
-/// Logarithm of the likelihood of a mean and a spread over that of none.
-fn likelihood(robots: &[[f64; 2]], [mean, spread]: [f64; 2]) -> f64 {
-    let variance = spread * spread;
-    let one = |[product, moment]: &[f64; 2]| {
-        let of = 1.0 + variance * product;
-        let off = moment - mean * product;
-        mean * moment - 0.5 * mean * mean * product + 0.5 * variance * off * off / of
-            - 0.5 * libm::log(of)
-    };
-    robots.iter().map(one).sum()
-}
-
-/// The mean and the spread of most likelihood; no mean where it is none by far.
-fn likeliest(robots: &[[f64; 2]]) -> [f64; 2] {
-    let [plain, with] = [false, true].map(|free| maximised(robots, free));
-    let gain = likelihood(robots, with) - likelihood(robots, plain);
-    if gain > SHARED { with } else { plain }
-}
-
-/// Expectation and maximisation from a spread that shows well; the mean is `free` or none.
-fn maximised(robots: &[[f64; 2]], free: bool) -> [f64; 2] {
-    let count = robots.len().max(1) as f64;
-    let shown: f64 = robots.iter().map(|r| r[0]).sum::<f64>() / count;
-    let (mut mean, mut variance) = (0.0, 100.0 / shown.max(1e-300));
-    for _ in 0..PASSES {
-        let one = |[product, moment]: &[f64; 2]| {
-            let of = 1.0 / (product + 1.0 / variance);
-            [of * (moment + mean / variance), of]
-        };
-        let all: Vec<[f64; 2]> = robots.iter().map(one).collect();
-        if free {
-            mean = all.iter().map(|x| x[0]).sum::<f64>() / count;
+    /// Expected squares of what the joint has by itself, where what is alike has this mean and covariance.
+    fn squares(&self, block: &White, mean: &[f64], covariance: &[f64]) -> Vec<(String, f64)> {
+        let (m, k) = (self.own.len(), mean.len());
+        let mut off = self.half.clone();
+        for (i, z, _, _) in &self.alike {
+            off.iter_mut().zip(z).for_each(|(o, z)| *o -= mean[*i] * z);
         }
-        let square = |x: &[f64; 2]| x[1] + (x[0] - mean) * (x[0] - mean);
-        variance = all.iter().map(square).sum::<f64>() / count;
+        backward(&self.l, m, &mut off);
+        let mut variance = inverse_diagonal(&self.l, m);
+        let responses: Vec<(usize, Vec<f64>)> = self
+            .alike
+            .iter()
+            .map(|(i, z, _, _)| {
+                let mut z = z.clone();
+                backward(&self.l, m, &mut z);
+                (*i, z)
+            })
+            .collect();
+        for (i, a) in &responses {
+            for (j, b) in &responses {
+                let by = covariance[i * k + j];
+                let both = a.iter().zip(b).map(|(a, b)| by * a * b);
+                variance.iter_mut().zip(both).for_each(|(v, x)| *v += x);
+            }
+        }
+        let n = block.columns.len() + 1;
+        let own = self.own.iter().zip(off.iter().zip(&variance));
+        own.filter_map(|(p, (mean, variance))| {
+            let column = &block.columns[*p];
+            // What a column cannot show in this block says nothing about its spread.
+            let shows = block.products[p * n + p] * self.by * size(column).powi(2) > 1.0;
+            let n = name(&block.site, column).filter(|_| shows)?;
+            Some((n, self.sd[*p] * self.sd[*p] * (mean * mean + variance)))
+        })
+        .collect()
     }
-    [mean, variance.sqrt()]
 }
 
 #[cfg(test)]
@@ -510,7 +526,7 @@ mod tests {
             panic!("{found:?}");
         };
         assert_eq!(alike.name, "drivetrain.viscous_friction.nm_s_rad.0");
-        assert!((alike.spread - 0.5).abs() < 0.15, "{found:?}");
+        assert!((alike.spread - 0.5).abs() < 0.1, "{found:?}");
         assert_eq!(alike.mean, 0.0, "{found:?}");
     }
 
@@ -529,9 +545,11 @@ mod tests {
         let [alike] = found.shared.as_slice() else {
             panic!("{found:?}");
         };
-        // Each joint's own spread takes a part of what all have, seen joint by joint.
-        assert!((alike.mean / 0.6 - 1.0).abs() < 0.15, "{found:?}");
-        assert!(alike.spread < 0.2, "{found:?}");
+        assert!((alike.mean / 0.6 - 1.0).abs() < 0.05, "{found:?}");
+        assert!((alike.spread - 0.1).abs() < 0.03, "{found:?}");
+        // It is no joint's own.
+        let own = found.columns.get("drivetrain.viscous_friction.nm_s_rad.0");
+        assert!(own.is_none_or(|s| *s < 0.1), "{found:?}");
     }
 
     #[test]

@@ -7,11 +7,13 @@
 //! the stated numbers that fit best ([`settle`]). A cause is a Gaussian prior over coefficients of one block or many
 //! ([`cause`]); the evidence of a set of causes has a closed form ([`search`]).
 
+pub mod alike;
 pub mod block;
 pub mod cause;
 pub mod ensemble;
 pub mod kept;
 pub mod linear;
 pub mod noise;
+mod plays;
 pub mod search;
 pub mod settle;

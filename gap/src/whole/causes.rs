@@ -29,7 +29,7 @@ use super::experiment::Open;
 use super::nominal::{inter, nominal};
 use super::windows::{LinkMap, PERIOD_S};
 use crate::decide::{Calibration, Shown};
-use crate::evidence::block::{Block, Column, Meaning, Raw, White};
+use crate::evidence::block::{Block, Meaning, Raw, White};
 use crate::evidence::cause::{Cause, Group, Scope, causes, shared_slack};
 use crate::evidence::ensemble::Spreads;
 use crate::evidence::search::{Found, Problem};
@@ -158,7 +158,7 @@ impl Asked<'_> {
                 let input = position::Input {
                     command: position::regular(echo.command(sent, heard)?),
                     position: run.joints[k].position.as_ref()?,
-                    load_nm: borne.as_ref().unwrap_or(&loads.nominal[*r][k]),
+                    load_nm: borne.as_ref().unwrap_or(&loads.borne[*r][k]),
                     load_step_s: PERIOD_S,
                     limit: effort.as_ref().map(|e| (limit_nm, e)),
                 };
@@ -193,7 +193,6 @@ impl Asked<'_> {
             .iter()
             .map(|r| signals(&self.data.runs[*r], k))
             .collect();
-        let mass = Column::linear(Effect::Mass, "ratio", 1.0, 0.4).of_robot();
         let told = |h: &electrical::Signals<'_>| h.effort.is_some() || h.current.is_some();
         let known = torque::Known {
             damping_nm_s: servo.damping_nm_s_rad,
@@ -201,12 +200,7 @@ impl Asked<'_> {
             blind: !self.tracked(),
             coarse: !heard.iter().flatten().all(told),
             sense,
-            body: std::iter::once(mass)
-                .chain(loads.body.iter().map(|b| b.0.clone()))
-                .collect(),
-            body_at: std::iter::once(0.0)
-                .chain(loads.body.iter().map(|b| b.2))
-                .collect(),
+            plays: loads.plays.iter().map(|p| (p.0.clone(), p.2)).collect(),
         };
         let inputs: Vec<torque::Input<'_>> = self
             .runs
@@ -225,12 +219,11 @@ impl Asked<'_> {
                     position: run.joints[k].position.as_ref()?,
                     effort,
                     load_nm: &loads.nominal[*r][k],
-                    apart_nm: &loads.weight.mean[*r][k],
-                    make_nm: &loads.make[*r][k],
-                    gravity_nm: &loads.gravity[*r][k],
-                    body_nm: std::iter::once(&loads.weight)
-                        .chain(loads.body.iter().map(|b| &b.1))
-                        .map(|c| [c.mean[*r][k].as_slice(), c.half[*r][k].as_slice()])
+                    apart_nm: &loads.plays[0].1.mean[*r][k],
+                    plays_nm: loads
+                        .plays
+                        .iter()
+                        .map(|(_, c, _)| [c.mean[*r][k].as_slice(), c.half[*r][k].as_slice()])
                         .collect(),
                     load_step_s: PERIOD_S,
                     electrical,

@@ -118,8 +118,10 @@ pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
     let b = |b: B| b as usize;
     let mu = model.value(Key::Friction);
     let mut out = Vec::new();
+    // Loads and base have the same friction of the ground, within its tolerance too. Masses and their centre act on loads by
+    // what the whole robot weighs: there each block keeps what the model leaves open.
     let mut friction = Column::linear(Effect::GroundFriction, "coefficient", mu, 0.4)
-        .with_slack(sigma(B::Friction));
+        .with_shared_slack("", sigma(B::Friction));
     friction.parameter.scale = mu;
     // Downwards: a ground that holds well holds no better with more friction.
     out.push(slope(friction, b(B::Friction)).downwards().loading());
@@ -143,17 +145,13 @@ pub(in crate::whole) fn moves(model: &Model, link_measured: bool) -> Vec<Move> {
     {
         for (key, at) in [("log_cosine", cos), ("log_sine", sin)] {
             let column = Column::linear(Effect::FrictionAnisotropy, key, 0.0, 0.7);
-            out.push(slope(
-                column.shaped(shape, &[("less", shape as f64)]),
-                b(at),
-            ));
+            let column = column.shaped(shape, &[("less", shape as f64)]);
+            out.push(slope(column, b(at)).loading());
         }
     }
     for (shape, m) in [0.004, 0.01, 0.03].into_iter().enumerate() {
-        out.push(whole(
-            Column::played(Effect::TorsionalFriction, "coefficient_m", 0.0, m, shape),
-            vec![(b(B::Torsion), m)],
-        ));
+        let column = Column::played(Effect::TorsionalFriction, "coefficient_m", 0.0, m, shape);
+        out.push(whole(column, vec![(b(B::Torsion), m)]).loading());
     }
     for (key, at) in [("roll_rad", B::Roll), ("pitch_rad", B::Pitch)] {
         // Three degrees.

@@ -15,6 +15,8 @@ pub(super) const LEAST_NM: f64 = 0.02;
 /// Speed at which dry friction has turned over, rad/s: slower is what an encoder of 1 mrad shows over 0.1 s.
 const TURN_RAD_S: f64 = 0.02;
 const SLOW_RAD_S: f64 = 0.1;
+/// The same of friction that turns over more slowly.
+const SLOWER_RAD_S: [f64; 2] = [SLOW_RAD_S, 0.05];
 /// Speeds of the Stribeck curve that are played, rad/s.
 const STRIBECK_RAD_S: [f64; 4] = [0.03, 0.06, 0.12, 0.25];
 /// Number of the shape of a friction that has one direction alone.
@@ -34,12 +36,8 @@ pub(in crate::whole) struct Input<'a> {
     pub(in crate::whole) load_nm: &'a [f64],
     /// The same of other windows: a column that shared the errors' noise would explain it.
     pub(in crate::whole) apart_nm: &'a [f64],
-    /// What contacts of another make change about it, N m; of other windows too.
-    pub(in crate::whole) make_nm: &'a [f64],
-    /// The part of it that balances weight, N m.
-    pub(in crate::whole) gravity_nm: &'a [f64],
-    /// Change of the load per coefficient of a body's parameter, N m: mean of two plays and half of what they differ by.
-    pub(in crate::whole) body_nm: Vec<[&'a [f64]; 2]>,
+    /// Change of the load per coefficient, N m: mean of two plays and half of what they differ by.
+    pub(in crate::whole) plays_nm: Vec<[&'a [f64]; 2]>,
     /// Step of these grids, s.
     pub(in crate::whole) load_step_s: f64,
     /// What may be wrong about the torque, each with its change of `motor less load` at an instant.
@@ -61,12 +59,15 @@ pub(in crate::whole) struct Known {
     pub(in crate::whole) coarse: bool,
     /// Sense of the motion that friction of one direction has; `None` = the one that shows.
     pub(in crate::whole) sense: Option<f64>,
-    /// Parameters of the body behind [`Input::body_nm`].
-    pub(in crate::whole) body: Vec<Column>,
-    /// Coefficients that the loads are already played with.
-    pub(in crate::whole) body_at: Vec<f64>,
+    /// What is behind [`Input::plays_nm`], and the coefficient that the loads are already played with.
+    pub(in crate::whole) plays: Vec<(Column, f64)>,
 }
 
+/// Instants around the middle of a row, s: a motor that turns round within a row has each friction for a part of it.
+const WITHIN_S: [f64; 5] = [-0.04, -0.02, 0.0, 0.02, 0.04];
+
+/// An instant of a motion.
+#[derive(Clone, Copy)]
 struct Row {
     t_s: f64,
     q: f64,
@@ -78,39 +79,56 @@ struct Row {
     apart: f64,
 }
 
+/// What the effort of a row is the mean over.
+type Span = [Row; WITHIN_S.len()];
+
+/// The middle of a row.
+fn middle(span: &Span) -> &Row {
+    &span[WITHIN_S.len() / 2]
+}
+
+/// The motion at an instant, without its load.
+fn instant(q: &Track, t_s: f64) -> Option<Row> {
+    let (here, v) = q.curve(t_s, 1.2 * HALF_S)?;
+    let (_, before) = q.curve(t_s - HALF_S, HALF_S)?;
+    let (_, after) = q.curve(t_s + HALF_S, HALF_S)?;
+    Some(Row {
+        t_s,
+        q: here,
+        v,
+        a: (after - before) / (2.0 * HALF_S),
+        side: v / libm::hypot(v, TURN_RAD_S),
+        load: 0.0,
+        apart: 0.0,
+    })
+}
+
 /// Rows of a motion without their load.
-fn moving(q: &Track) -> impl Iterator<Item = Row> + '_ {
+fn moving(q: &Track) -> impl Iterator<Item = Span> + '_ {
     let end = q.t_s[q.t_s.len() - 1];
     let n = ((end - q.t_s[0] - 0.4) / STEP_S).max(0.0) as usize;
     (0..n).filter_map(|i| {
         let t_s = q.t_s[0] + 0.2 + i as f64 * STEP_S;
-        let (here, v) = q.curve(t_s, 1.2 * HALF_S)?;
-        let (_, before) = q.curve(t_s - HALF_S, HALF_S)?;
-        let (_, after) = q.curve(t_s + HALF_S, HALF_S)?;
-        Some(Row {
-            t_s,
-            q: here,
-            v,
-            a: (after - before) / (2.0 * HALF_S),
-            side: v / libm::hypot(v, TURN_RAD_S),
-            load: 0.0,
-            apart: 0.0,
-        })
+        let within = WITHIN_S.map(|off| instant(q, t_s + off));
+        let whole: Option<Vec<Row>> = within.into_iter().collect();
+        whole?.try_into().ok()
     })
 }
 
-fn rows(input: &Input<'_>) -> Vec<Row> {
-    let loaded = |r: Row| Row {
-        load: on(input.load_nm, input.load_step_s, r.t_s),
-        apart: on(input.apart_nm, input.load_step_s, r.t_s),
-        ..r
+fn rows(input: &Input<'_>) -> Vec<Span> {
+    // Loads are means over as long as the effort.
+    let loaded = |span: Span| {
+        let t_s = middle(&span).t_s;
+        let load = on(input.load_nm, input.load_step_s, t_s);
+        let apart = on(input.apart_nm, input.load_step_s, t_s);
+        span.map(|r| Row { load, apart, ..r })
     };
     moving(input.position).map(loaded).collect()
 }
 
 /// Instants of the rows of a run with this motion, s.
 pub(in crate::whole) fn instants(position: &Track) -> Vec<f64> {
-    moving(position).map(|r| r.t_s).collect()
+    moving(position).map(|s| middle(&s).t_s).collect()
 }
 
 /// A column and what each row gives it.
@@ -137,13 +155,6 @@ fn friction([damping_nm_s, tolerance_nm_s]: [f64; 2], sense: f64) -> Vec<Term> {
             Column::linear(Effect::QuadraticFriction, "nm_s2_rad2", 0.0, 0.5).at_least_neutral(),
             |r| r.v * r.v.abs(),
         ),
-        // The same turned over more slowly, as bristles and encoders of low resolution have it.
-        term(
-            Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 0.5)
-                .shaped(1, &[])
-                .at_least_neutral(),
-            |r| r.v / libm::hypot(r.v, SLOW_RAD_S),
-        ),
         term(
             Column::linear(Effect::LoadDependentFriction, "fraction", 0.0, 0.3).at_least_neutral(),
             |r| r.apart.abs() * r.side,
@@ -163,6 +174,15 @@ fn friction([damping_nm_s, tolerance_nm_s]: [f64; 2], sense: f64) -> Vec<Term> {
             |r| 0.5 * r.v.abs(),
         ),
     ];
+    // Dry friction turned over more slowly, as bristles and encoders of low resolution have it.
+    for (shape, turn) in SLOWER_RAD_S.into_iter().enumerate() {
+        out.push(term(
+            Column::linear(Effect::CoulombFriction, "torque_nm", 0.0, 0.5)
+                .shaped(1 + shape, &[])
+                .at_least_neutral(),
+            move |r| r.v / libm::hypot(r.v, turn),
+        ));
+    }
     // A friction of one direction alone, the one that shows: it cannot push where the other has none.
     let one = |key| {
         let mut column = Column::linear(Effect::AsymmetricFriction, key, 0.0, 0.4);
@@ -236,7 +256,8 @@ fn open(length_s: f64, middle_rad: f64) -> Vec<Term> {
 fn sense(inputs: &[Input<'_>], damping_nm_s: f64) -> f64 {
     let mut sums = [(0.0, 1e-9); 2];
     for input in inputs {
-        for r in rows(input) {
+        for span in rows(input) {
+            let r = middle(&span);
             let effort = input.effort.line(r.t_s, HALF_S).map_or(f64::NAN, |l| l.0);
             let left = effort - r.load - damping_nm_s * r.v;
             if left.is_finite() && r.v.abs() > SLOW_RAD_S {
@@ -262,22 +283,23 @@ pub(in crate::whole) fn sense_in(columns: &[Column]) -> Option<f64> {
 }
 
 /// Torque less load and nominal damping, N m; no number where no torque was measured.
-fn errors(rows: &[Row], input: &Input<'_>, damping_nm_s: f64) -> Vec<f64> {
-    let one = |r: &Row| {
+fn errors(rows: &[Span], input: &Input<'_>, damping_nm_s: f64) -> Vec<f64> {
+    let one = |span: &Span| {
+        let r = middle(span);
         let effort = input.effort.line(r.t_s, HALF_S).map_or(f64::NAN, |l| l.0);
         effort - r.load - damping_nm_s * r.v
     };
     rows.iter().map(one).collect()
 }
 
-/// Columns of one run but for the body's, and what they give at its rows.
+/// Columns of one run but for those of plays, and what they give at its rows.
 fn own(
     input: &Input<'_>,
-    rows: &[Row],
+    rows: &[Span],
     known: &Known,
     [sense, middle_rad]: [f64; 2],
 ) -> (Vec<Column>, Vec<Vec<f64>>) {
-    let length_s = rows.last().map_or(0.0, |r| r.t_s).max(1.0);
+    let length_s = rows.last().map_or(0.0, |s| middle(s).t_s).max(1.0);
     let mut terms = friction([known.damping_nm_s, known.tolerance_nm_s], sense);
     terms.extend(ripple());
     terms.extend(open(length_s, middle_rad));
@@ -285,27 +307,27 @@ fn own(
         Column::linear(Effect::Inertia, "ratio", 1.0, 5.0).at_least_neutral(),
         |r| INERTIA_KG_M2 * r.a,
     ));
-    // Several contacts share a load in more ways than one.
-    terms.push(term(Column::nuisance(0.1), |r| r.apart));
     let mut x: Vec<Vec<f64>> = terms
         .iter()
-        .map(|(_, of)| rows.iter().map(of).collect())
+        .map(|(_, of)| rows.iter().map(|s| mean(s, of)).collect())
         .collect();
     let mut columns: Vec<Column> = terms.into_iter().map(|t| t.0).collect();
-    columns.push(Column::linear(Effect::GravityLoad, "ratio", 1.0, 0.5));
-    x.push(along(input.gravity_nm, input, rows));
-    columns.push(Column::nuisance(0.7));
-    x.push(along(input.make_nm, input, rows));
     for (column, of) in &input.electrical {
         columns.push(column.clone());
-        x.push(rows.iter().map(|r| of(r.t_s, r.apart)).collect());
+        let at = |s: &Span| of(middle(s).t_s, middle(s).apart);
+        x.push(rows.iter().map(at).collect());
     }
     (columns, x)
 }
 
+/// What a term gives a row.
+fn mean(span: &Span, of: &dyn Fn(&Row) -> f64) -> f64 {
+    span.iter().map(of).sum::<f64>() / span.len() as f64
+}
+
 /// A grid of a run at its rows.
-fn along(grid: &[f64], input: &Input<'_>, rows: &[Row]) -> Vec<f64> {
-    let at = |r: &Row| on(grid, input.load_step_s, r.t_s);
+fn along(grid: &[f64], input: &Input<'_>, rows: &[Span]) -> Vec<f64> {
+    let at = |s: &Span| on(grid, input.load_step_s, middle(s).t_s);
     rows.iter().map(at).collect()
 }
 
@@ -332,13 +354,13 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
         let mut y = errors(&rows, input, known.damping_nm_s);
         let mut x;
         (columns, x) = own(input, &rows, known, of_joint);
-        noisy.resize_with(known.body.len(), Vec::new);
-        for (i, [mean, half]) in input.body_nm.iter().enumerate() {
-            columns.push(known.body[i].clone());
+        noisy.resize_with(known.plays.len(), Vec::new);
+        for (i, [mean, half]) in input.plays_nm.iter().enumerate() {
+            let (column, at) = &known.plays[i];
+            columns.push(column.clone());
             noisy[i].push(along(half, input, &rows));
             let mean = along(mean, input, &rows);
             // Coefficients count from the neutral values.
-            let at = known.body_at[i];
             y.iter_mut().zip(&mean).for_each(|(y, x)| *y += at * x);
             x.push(mean);
         }
@@ -350,7 +372,7 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
         segments.push(Segment { y, x, weight });
     }
     let first = columns.len() - noisy.len();
-    let plays = noisy.into_iter().zip(&known.body_at).enumerate();
+    let plays = noisy.into_iter().zip(&known.plays).enumerate();
     (!segments.is_empty()).then_some(Raw {
         site: Site {
             stage: Stage::Drivetrain,
@@ -362,7 +384,7 @@ pub(in crate::whole) fn raw(joint: usize, inputs: &[Input<'_>], known: &Known) -
         segments,
         floor: LEAST_NM,
         noisy: plays
-            .map(|(i, (half, at))| Noisy {
+            .map(|(i, (half, (_, at)))| Noisy {
                 column: first + i,
                 half,
                 at: *at,
@@ -415,7 +437,6 @@ mod tests {
             first.iter().zip(&second).map(|(a, b)| of(*a, *b)).collect()
         };
         let (mean, half) = (both(|a, b| 0.5 * (a + b)), both(|a, b| 0.5 * (a - b)));
-        let nothing = vec![0.0; mean.len()];
         let position = track(0.01, |t| 0.7 * sin(1.9 * t));
         let effort = track(0.01, |t| load_nm(t) + 0.02 * rng.normal());
         let input = Input {
@@ -423,9 +444,7 @@ mod tests {
             effort,
             load_nm: &errors,
             apart_nm: &mean,
-            make_nm: &nothing,
-            gravity_nm: &nothing,
-            body_nm: vec![[&mean, &half]],
+            plays_nm: vec![[&mean, &half]],
             load_step_s: STEP,
             electrical: Vec::new(),
         };
@@ -435,8 +454,10 @@ mod tests {
             blind: false,
             coarse: false,
             sense: Some(1.0),
-            body: vec![Column::linear(Effect::Mass, "ratio", 1.0, 0.4).of_robot()],
-            body_at: vec![0.0],
+            plays: vec![(
+                Column::linear(Effect::Mass, "ratio", 1.0, 0.4).of_robot(),
+                0.0,
+            )],
         };
         let raw = raw(0, &[input], &known).expect("long enough");
         let blocks = [White::new(raw, 6).plain()];

@@ -345,7 +345,9 @@ impl<'a> Passes<'a> {
             let (signal, raw, runs) = match white.site.stage {
                 Stage::Drivetrain => {
                     let sense = sense_in(&white.columns);
-                    let raw = asked.torque_errors(joint, loads, &drawn, sense);
+                    let raw = asked
+                        .torque_errors(joint, loads, &drawn, sense)
+                        .map(Raw::calibrated);
                     (TORQUE, raw, asked.torque_runs(joint))
                 }
                 Stage::Transmission => (

@@ -6,21 +6,28 @@ use physics::Params;
 use rayon::prelude::*;
 
 use crate::evidence::block::{Column, Owner};
+use crate::vocabulary::Effect;
 use crate::whole::blocks::body::Move;
 use crate::whole::body;
 use crate::whole::data::{Data, JOINTS};
 use crate::whole::windows::{self, LinkMap, PERIOD_S};
 
+/// Length of the windows that a servo's loads are replayed in where no torque was measured, s, and time from one to the
+/// next: at its limit the largest loads count, and the start of a window has the largest errors.
+const LONG_S: [f64; 2] = [1.0, 0.2];
 /// Length of the windows that loads are replayed in, s.
-const WINDOW_S: f64 = 1.0;
+const WINDOW_S: f64 = 0.4;
 /// Time from one to the next, s: each load is the mean of five, because feet land earlier or later in each.
-const EVERY_S: f64 = 0.2;
+const EVERY_S: f64 = 0.025;
 /// The same of the windows in which changes are played, twice, and how much later each begins. The loads of these are no
 /// part of the errors: a column that shared their noise would explain it.
-const CHANGE_EVERY_S: f64 = 0.4;
-const LATER_S: [f64; 2] = [0.1, 0.3];
+const CHANGE_EVERY_S: f64 = 0.2;
+const LATER_S: [f64; 2] = [0.05, 0.15];
 /// Creep of the other make of contacts, m/s per N (that of MuJoCo's default contact, see `body::contacts`).
 const CREEP_M_S_N: f64 = 0.002;
+/// How much of another make a robot's contacts may have, and of its own at each joint: one standard deviation.
+const MAKE: f64 = 0.7;
+const OWN_MAKE: f64 = 0.2;
 
 /// Loads of all joints by run, on a grid of `PERIOD_S`.
 pub(super) type ByRun = Vec<[Vec<f64>; JOINTS]>;
@@ -29,14 +36,11 @@ pub(super) type ByRun = Vec<[Vec<f64>; JOINTS]>;
 pub(super) struct Loads {
     /// Of the nominal model.
     pub(super) nominal: ByRun,
-    /// What contacts of another make change, in other windows than those of the errors.
-    pub(super) make: ByRun,
-    /// The part that balances weight.
-    pub(super) gravity: ByRun,
-    /// Change per coefficient of the body's parameters, with their columns.
-    pub(super) body: Vec<(Column, Change, f64)>,
-    /// Loads of other windows than those of the errors.
-    pub(super) weight: Change,
+    /// The same in longer windows, for servos.
+    pub(super) borne: ByRun,
+    /// Changes per coefficient with their columns and the coefficients that are in the loads already. The first is the
+    /// load itself, in other windows than those of the errors.
+    pub(super) plays: Vec<(Column, Change, f64)>,
 }
 
 /// Mean of two plays, and half of what they differ by.
@@ -84,19 +88,30 @@ impl Loads {
         };
         let own = Params::clone(params);
         let nominal = play(own.clone(), &windows);
+        let [length_s, every_s] = LONG_S;
+        let borne = play(own.clone(), &windows::cut(data, length_s, every_s));
         let mut creeping = own.clone();
-        (creeping.pyramid, creeping.slip_m_s_n) = (!own.pyramid, CREEP_M_S_N);
+        creeping.slip_m_s_n = CREEP_M_S_N;
+        let mut other_cone = own.clone();
+        other_cone.pyramid = !own.pyramid;
         let mut heavy = own.clone();
         heavy.joints.iter_mut().for_each(|j| j.gravity_ratio += 1.0);
         let twice = |p: &Params| [0, 1].map(|i| play(p.clone(), &later[i]));
         let own = twice(&own);
-        let changed = |there: &Params| Change::between(&twice(there), &own, [1.0; 2]).mean;
+        let changed = |there: &Params| Change::between(&twice(there), &own, [1.0; 2]);
+        let mass = Column::linear(Effect::Mass, "ratio", 1.0, 0.4).of_robot();
+        let weight = Column::linear(Effect::GravityLoad, "ratio", 1.0, 0.5);
+        let make = |key| Column::nuisance(OWN_MAKE).with_shared_slack(key, MAKE);
+        let plays = vec![
+            (mass, Change::new(&own), 0.0),
+            (weight, changed(&heavy), 0.0),
+            (make("creep"), changed(&creeping), 0.0),
+            (make("cone"), changed(&other_cone), 0.0),
+        ];
         Self {
             nominal,
-            make: changed(&creeping),
-            gravity: changed(&heavy),
-            body: Vec::new(),
-            weight: Change::new(&own),
+            borne,
+            plays,
         }
     }
 
@@ -115,7 +130,7 @@ impl Loads {
             windows::replay(data, &windows[side], &params, &maps, PERIOD_S)
         };
         let here = [0, 1].map(|side| play(theta, side));
-        self.body = moves
+        let of_body: Vec<_> = moves
             .par_iter()
             .enumerate()
             .filter(|(_, m)| m.loads)
@@ -132,6 +147,7 @@ impl Loads {
                 (column, change, at)
             })
             .collect();
+        self.plays.extend(of_body);
         self
     }
 }
