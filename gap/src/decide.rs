@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::evidence::cause::Cause;
 use crate::evidence::ensemble::Spreads;
 use crate::math;
-use crate::vocabulary::Effect;
+use crate::vocabulary::{Effect, Stage};
 
 /// Family-wise share of robots without a cause that may be accused of one.
 pub const LEVEL: f64 = 0.01;
@@ -126,6 +126,10 @@ pub struct Calibration {
     /// What they differ by from the nominal model.
     #[serde(default)]
     pub spreads: Spreads,
+    /// How far the size of a cause is off because its law is not quite ours, one standard deviation as a share of the
+    /// size, by stage: of robots whose causes are known.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub laws: BTreeMap<String, f64>,
 }
 
 /// Why a calibration cannot be used.
@@ -148,6 +152,12 @@ const SCHEMA: &str = "rb.calibration/5";
 const LEAST: usize = 19;
 
 impl Calibration {
+    /// How far a size of an effect of `stage` is off because of its law, as a share of the size.
+    #[must_use]
+    pub fn law(&self, stage: Stage) -> f64 {
+        self.laws.get(stage.name()).copied().unwrap_or(0.0)
+    }
+
     /// From the strongest evidence of robots without a cause.
     ///
     /// # Errors
@@ -171,6 +181,7 @@ impl Calibration {
             remainders: Vec::new(),
             lefts: BTreeMap::new(),
             spreads: Spreads::default(),
+            laws: BTreeMap::new(),
         })
     }
 
@@ -296,6 +307,7 @@ impl Calibration {
             remainders: Vec::new(),
             lefts: BTreeMap::new(),
             spreads: Spreads::default(),
+            laws: BTreeMap::new(),
         })
     }
 

@@ -1,5 +1,6 @@
 //! Verdicts against labels: what was said of a case, whether it is right, and the table of a suite.
 
+mod laws;
 mod read;
 mod table;
 
@@ -9,6 +10,7 @@ use serde_json::Value;
 
 use crate::label::{Cause, Label};
 
+pub use laws::{Size, laws};
 pub use read::Said;
 pub use table::{Figure, failures, left_out, table};
 
@@ -155,9 +157,9 @@ impl Case {
         self.said.iter().filter_map(one).collect()
     }
 
-    /// For every number of a rightly named cause that has an interval: whether it holds the truth.
+    /// Every number of a rightly named cause that has an interval.
     #[must_use]
-    pub fn covered(&self) -> Vec<bool> {
+    pub fn sized(&self) -> Vec<Size> {
         let mut out = Vec::new();
         for t in &self.label.causes {
             let own = |s: &&Said| {
@@ -169,18 +171,16 @@ impl Case {
             };
             for (key, truth) in &t.values {
                 let said = &said.values[key.as_str()];
+                let one = |x: f64, said: &Value| Some(Size::new(t, key, x, read::interval(said)?));
                 let of_joints = truth
                     .by_joint
                     .iter()
-                    .filter_map(|(joint, x)| Some((*x, read::interval(&said["by_joint"][joint])?)));
+                    .filter_map(|(joint, x)| one(*x, &said["by_joint"][joint]));
                 let before = out.len();
-                out.extend(of_joints.map(|(x, [a, b])| a <= x && x <= b));
+                out.extend(of_joints);
                 // One number for all joints holds where they do not differ.
-                let one = truth.value.as_f64().filter(|_| t.spread == 0.0);
-                if let (true, Some(x), Some([a, b])) =
-                    (out.len() == before, one, read::interval(said))
-                {
-                    out.push(a <= x && x <= b);
+                if out.len() == before && t.spread == 0.0 {
+                    out.extend(truth.value.as_f64().and_then(|x| one(x, said)));
                 }
             }
         }

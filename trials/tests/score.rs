@@ -45,7 +45,7 @@ fn equal_effects_on_all_joints_are_a_shared_cause_in_version_1() {
     assert!(case.first(true) && case.exact() && case.place());
     assert_eq!(case.stated(), [(0.9, true)]);
     // Intervals of joints 0 and 1 end at 0.45 and 0.48.
-    let covered = case.covered();
+    let covered: Vec<bool> = case.sized().iter().map(|s| s.holds()).collect();
     assert_eq!(covered.iter().filter(|c| **c).count(), 4);
     assert_eq!(covered.len(), 6);
 }

@@ -139,6 +139,16 @@ fn a_robot_without_a_cause_has_none_and_few_of_them_calibrate_nothing() {
     let none = ["gap", "calibrate", "--nulls", ".", "-o", "own.json"];
     let refused = rb(&folder, &none).expect(3);
     assert!(refused.err.contains("no folder in it"), "{}", refused.err);
+    for (text, says) in [
+        (r#"{"gears": 0.1}"#, "no stage is called `gears`"),
+        (r#"{"body": 3}"#, "`body` is 3, not a share from 0 to 1"),
+        ("0.1", "laws.json: "),
+    ] {
+        std::fs::write(folder.path("laws.json"), text).unwrap();
+        let asked = ["--nulls", "nulls", "--laws", "laws.json", "-o", "own.json"];
+        let refused = rb(&folder, &[&["gap", "calibrate"][..], &asked].concat()).expect(3);
+        assert!(refused.err.contains(says), "{}", refused.err);
+    }
     let few = ["--nulls", "nulls", "--keep", "kept", "-o", "own.json"];
     let few = [&["gap", "calibrate"][..], &few].concat();
     let calibrate = || {

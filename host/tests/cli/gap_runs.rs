@@ -1,5 +1,6 @@
 //! The checks of the diagnosis from end to end, as small as they get: sealed suites, grafts, the closed loop.
 
+use std::collections::BTreeMap;
 use std::fs;
 
 use crate::bench::Joint;
@@ -39,7 +40,11 @@ fn suite(folder: &Folder, make: &[&str]) -> Result<(), String> {
     ];
     trials(
         folder,
-        &[&score[..], &["--json-file", "./b/score.json"]].concat(),
+        &[
+            &score[..],
+            &["--json-file", "./b/score.json", "--laws", "./b/laws.json"],
+        ]
+        .concat(),
     )
 }
 
@@ -53,6 +58,10 @@ fn a_sealed_suite_of_joints_is_scored_and_goes_on_where_it_stopped() {
     // Rates need more than two joints: `trials/tests/joint_verdicts.rs` holds those without a cause to no alarm.
     let (_, count) = figure(&folder, "nulls accused (a cause said)");
     assert!(count[1].as_u64() >= Some(2), "{count}");
+    // Two joints are too few to say how far sizes are off.
+    let laws: BTreeMap<String, f64> =
+        serde_json::from_str(&fs::read_to_string(folder.path("b/laws.json")).unwrap()).unwrap();
+    assert!(laws.is_empty(), "{laws:?}");
     // One verdict is lost: that case alone is diagnosed again, to the same bytes but for the time it took.
     let lost = folder.path("b/verdicts/case_1001.json");
     let before = fs::read_to_string(&lost).unwrap();

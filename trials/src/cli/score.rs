@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use super::write;
 use crate::label;
-use crate::score::{Case, Figure, failures, left_out, table};
+use crate::score::{Case, Figure, failures, laws, left_out, table};
 
 /// Options of `score`.
 #[derive(Debug, clap::Args)]
@@ -28,6 +28,9 @@ pub(super) struct Args {
     /// Also write the figures here, as JSON
     #[arg(long, value_name = "FILE")]
     json_file: Option<PathBuf>,
+    /// Write how far sizes are off by stage here, for `rb-host gap calibrate --laws`
+    #[arg(long, value_name = "FILE")]
+    laws: Option<PathBuf>,
     /// Leave out the list of cases that failed
     #[arg(long)]
     short: bool,
@@ -108,6 +111,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
         for line in failures(&cases, args.least) {
             println!("- {line}");
         }
+    }
+    if let Some(path) = &args.laws {
+        let all: Vec<_> = cases.iter().flat_map(Case::sized).collect();
+        write(path, serde_json::to_string_pretty(&laws(&all))? + "\n")?;
     }
     match &args.json_file {
         Some(path) => write(path, all.to_string() + "\n"),

@@ -114,7 +114,11 @@ pub fn table(cases: &[&Case], own: bool, least: f64) -> Vec<Figure> {
         .collect();
     let error = calibration(&probabilities);
     out.push(Figure::number("calibration error", error, "<= 0.05"));
-    let covered: Vec<bool> = cases.iter().flat_map(|c| c.covered()).collect();
+    let covered: Vec<bool> = cases
+        .iter()
+        .flat_map(|c| c.sized())
+        .map(|s| s.holds())
+        .collect();
     out.push(Figure::share(
         "truth inside the 95 % interval",
         covered.iter().filter(|c| **c).count(),

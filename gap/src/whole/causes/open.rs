@@ -24,7 +24,7 @@ impl Explained {
         let posterior = self.problem().posterior(members);
         let one = |(m, first): (&usize, &usize)| {
             let cause = &self.causes[*m];
-            let values = values(cause, &posterior, *first, self.damping);
+            let values = values(cause, &posterior, *first, self.damping, 0.0);
             let own = cause.effect.map(|e| parts(e, &cause.joints, &values));
             (*m, own.unwrap_or_default())
         };

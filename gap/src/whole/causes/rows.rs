@@ -180,11 +180,13 @@ pub(super) fn values(
     p: &Posterior,
     first: usize,
     damping: [f64; 2],
+    law: f64,
 ) -> BTreeMap<&'static str, Value> {
     let mut out: BTreeMap<&'static str, Value> = BTreeMap::new();
     let mut count: BTreeMap<&'static str, f64> = BTreeMap::new();
     for (i, own) in cause.numbers.iter().enumerate() {
         let (value, sd) = number(cause, i, p, first);
+        let sd = libm::hypot(sd, law * (value - own.neutral));
         let ci95 = [value - 1.96 * sd, value + 1.96 * sd];
         let slot = out.entry(own.key).or_insert(Value {
             value: 0.0,
@@ -370,7 +372,13 @@ impl Explained {
                     scope: cause.scope,
                     joints: cause.joints.clone(),
                     kind,
-                    values: values(cause, &posterior, posterior.first[i], self.damping),
+                    values: values(
+                        cause,
+                        &posterior,
+                        posterior.first[i],
+                        self.damping,
+                        cause.effect.map_or(0.0, |e| calibration.law(e.stage())),
+                    ),
                     probability: (1.0 - p_value) / (1.0 + others),
                     p_value,
                     evidence,

@@ -1,6 +1,7 @@
 //! `rb-host gap causes` and `rb-host gap calibrate`: the causes of the gap of a robot or of a joint on a bench; those that
 //! joints share as one.
 
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -10,7 +11,7 @@ use gap::bench;
 use gap::decide::{Calibration, CalibrationError};
 use gap::evidence::block::White;
 use gap::evidence::kept;
-use gap::vocabulary::Effect;
+use gap::vocabulary::{Effect, Stage};
 use gap::whole::{
     Causes, DataSet, Film, HeldOut, Left, Place, Row, calibrated, name_causes, null_blocks,
 };
@@ -54,6 +55,9 @@ pub(super) struct CalibrateArgs {
     /// Folder for what each robot showed: a calibration that was stopped goes on from there
     #[arg(long, value_name = "DIR")]
     keep: Option<PathBuf>,
+    /// How far sizes are off by stage, as `rb-trials score --laws` writes it: widens the intervals of causes
+    #[arg(long, value_name = "FILE")]
+    laws: Option<PathBuf>,
     /// What they are, for the file's header
     #[arg(long, default_value = "own")]
     source: String,
@@ -324,9 +328,31 @@ impl Healthy {
     }
 }
 
+/// How far sizes are off by stage, from a file.
+fn laws(path: &Path) -> Outcome<BTreeMap<String, f64>> {
+    let say = |e: String| Failure::say(Exit::BadFile, format!("{}: {e}", path.display()));
+    let all: BTreeMap<String, f64> =
+        serde_json::from_str(&disk::text(path)?).map_err(|e| say(e.to_string()))?;
+    for (stage, share) in &all {
+        if !Stage::ALL.iter().any(|s| s.name() == stage) {
+            return Err(say(format!("no stage is called `{stage}`")));
+        }
+        if !(0.0..=1.0).contains(share) {
+            return Err(say(format!(
+                "`{stage}` is {share}, not a share from 0 to 1"
+            )));
+        }
+    }
+    Ok(all)
+}
+
 /// Writes the null distribution of folders of robots or of joints without a cause.
 pub(super) fn calibrate(args: &CalibrateArgs, context: &Context) -> Outcome {
     disk::must_be_free(&args.output, args.force)?;
+    let laws = args
+        .laws
+        .as_deref()
+        .map_or_else(|| Ok(BTreeMap::new()), laws)?;
     let mut all = Vec::new();
     for folder in &args.nulls {
         all.extend(sets(folder)?);
@@ -361,7 +387,8 @@ pub(super) fn calibrate(args: &CalibrateArgs, context: &Context) -> Outcome {
         "rb-host gap calibrate --nulls {}",
         folders.join(" --nulls ")
     );
-    let made = healthy.calibration(&command, &args.source).map_err(bad)?;
+    let mut made = healthy.calibration(&command, &args.source).map_err(bad)?;
+    made.laws = laws;
     let text = made
         .to_json()
         .map_err(|e| Failure::new(Exit::Other, anyhow::Error::new(e)))?;
