@@ -90,7 +90,7 @@ impl Spreads {
                 }
             }
         }
-        for name in out.names.clone().into_iter().filter(stated) {
+        for name in out.names.clone().into_iter().filter(|n| stated(n)) {
             let (mean, spread) = (0.0, 1.0);
             out.take(&Alike { name, mean, spread });
         }
@@ -104,7 +104,7 @@ type Named = (String, f64);
 /// What begins the name of a difference that the model states.
 const STATED: &str = "stated ";
 
-fn stated(name: &String) -> bool {
+fn stated(name: &str) -> bool {
     name.starts_with(STATED)
 }
 

@@ -43,7 +43,7 @@ use loads::Loads;
 pub use places::Place;
 pub(super) use places::UNEXPLAINED;
 use readings::{reading, sure};
-use refine::{MOST, Passes};
+use refine::Passes;
 pub use remainder::Left;
 pub(super) use remainder::lefts;
 pub use rows::{Alternative, Causes, Nearest, Probabilities, Row, Value, Word};
@@ -429,8 +429,7 @@ pub(super) fn explain(
 ) -> (Causes, Beside) {
     begins(1);
     let mut search = Passes::new(asked, tier);
-    // The strongest first: what a slope misses of it would be taken for other causes.
-    let mut out = search.pass(1);
+    let mut out = search.pass();
     // Causes in the pass before, and whether what is found is linearised around itself.
     let (mut nothing, mut settled) = (true, false);
     for _ in 1..PASSES {
@@ -440,7 +439,7 @@ pub(super) fn explain(
             break;
         }
         search.refine(&out);
-        let next = search.pass(MOST);
+        let next = search.pass();
         settled = out.names() == next.names();
         out = next;
     }
@@ -501,7 +500,7 @@ type Part = (Effect, Option<usize>, BTreeMap<String, Estimate>);
 type Name = (Option<Effect>, Vec<usize>, Vec<(&'static str, f64)>);
 
 /// Passes of search and linearisation.
-const PASSES: usize = 4;
+const PASSES: usize = 3;
 
 /// Where body and loads are played.
 #[derive(Debug, Clone, PartialEq)]

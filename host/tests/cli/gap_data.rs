@@ -116,8 +116,10 @@ fn a_centre_of_mass_that_is_off_is_named_first() {
         .json();
     assert_eq!(found["causes"][0]["effect"], "com_offset", "{found}");
     assert!(found["causes"][0]["evidence"].as_f64() > found["causes"][0]["asked"].as_f64());
-    // A robot without a cause comes near to something, too.
-    assert!(found["nearest"]["evidence"].is_number(), "{found}");
+    // What comes nearest beside it has less than is asked, or nothing adds evidence.
+    let nearest = &found["nearest"];
+    let below = nearest["evidence"].as_f64() < nearest["asked"].as_f64();
+    assert!(nearest.is_null() || below, "{found}");
     let places = found["where"].as_array().unwrap();
     assert_eq!(places[0]["stage"], "body", "{found}");
     let shares = places.iter().map(|p| p["share"].as_f64().unwrap());

@@ -13,7 +13,7 @@ use crate::whole::data::{Data, JOINTS};
 use crate::whole::windows::{self, LinkMap, PERIOD_S};
 
 /// Length of the windows that a servo's loads are replayed in where no torque was measured, s, and time from one to the
-/// next: at its limit the largest loads count, and the start of a window has the largest errors.
+/// next. At its limit the largest loads count, and the start of a window has the largest errors.
 const LONG_S: [f64; 2] = [1.0, 0.2];
 /// Length of the windows that loads are replayed in, s.
 const WINDOW_S: f64 = 0.4;

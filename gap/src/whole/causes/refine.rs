@@ -17,7 +17,7 @@ use crate::evidence::search::Problem;
 use crate::vocabulary::Stage;
 
 /// Most causes.
-pub(super) const MOST: usize = 8;
+const MOST: usize = 8;
 /// Shares of a size that are tried before a fit: neighbours of a played shape stand a factor of three apart.
 const SHARES: [f64; 4] = [0.5, 0.7, 1.4, 2.0];
 /// Most steps of a fit of the body.
@@ -72,8 +72,8 @@ impl<'a> Passes<'a> {
         })
     }
 
-    /// Linearises and searches `most` causes.
-    pub(super) fn pass(&mut self, most: usize) -> Explained {
+    /// Linearises and searches.
+    pub(super) fn pass(&mut self) -> Explained {
         let first = self.world.is_none();
         if self.world.as_ref().is_none_or(|w| w.0 != self.posed) {
             let tier = self.tier.as_deref_mut();
@@ -96,7 +96,7 @@ impl<'a> Passes<'a> {
         };
         let calibration = self.asked.calibration;
         let asks: Vec<f64> = all.iter().map(|c| calibration.ask(&c.into())).collect();
-        let found = problem.search(&asks, most);
+        let found = problem.search(&asks, MOST);
         self.explained = problem.coefficients(&found.best.members);
         Explained {
             blocks,

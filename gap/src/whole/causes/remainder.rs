@@ -9,6 +9,7 @@ use super::places::Place;
 use crate::decide::{Calibration, LEVEL};
 use crate::evidence::block::{Column, Meaning, Site, White};
 use crate::evidence::ensemble::kind;
+use crate::vocabulary::Effect;
 
 /// A block of prediction errors that leaves more than blocks of robots without a cause do.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -43,6 +44,8 @@ fn alike(site: &Site, columns: &[Column]) -> String {
     let effects: BTreeSet<&str> = columns
         .iter()
         .filter_map(|c| match c.meaning {
+            // Rows that show a clock leave its column out; the motion of a servo is the same.
+            Meaning::Effect(Effect::ClockSkew) => None,
             Meaning::Effect(e) => Some(e.name()),
             Meaning::Open | Meaning::Nuisance => None,
         })
