@@ -13,7 +13,7 @@ use crate::vocabulary::{Effect, Stage};
 pub const LEVEL: f64 = 0.01;
 /// Share of the squares beyond the noise that stays, above which what was named is not what is there: of joints and of robots.
 pub const MOST: f64 = 0.5;
-/// Standard deviations of its prior from which a size is not plausible.
+/// Standard deviations of its prior from which a size is not plausible: by hand; it decides what a report lists as unseen.
 pub const PLAUSIBLE: f64 = 2.0;
 /// Likelihood ratios within which two causes are one class: a factor of 20 (Kass and Raftery 1995: strong).
 pub const CLASS: f64 = 3.0;

@@ -15,7 +15,8 @@ pub(super) const LEAST_NM: f64 = 0.02;
 /// Speed at which dry friction has turned over, rad/s: slower is what an encoder of 1 mrad shows over 0.1 s.
 const TURN_RAD_S: f64 = 0.02;
 const SLOW_RAD_S: f64 = 0.1;
-/// The same of friction that turns over more slowly.
+/// The same of friction that turns over more slowly. The second was added by hand, after robots of MuJoCo and ODE that had
+/// been looked at (seed 20261128) turned over there: their dry friction had Stribeck friction beside it.
 const SLOWER_RAD_S: [f64; 2] = [SLOW_RAD_S, 0.05];
 /// Speeds of the Stribeck curve that are played, rad/s.
 const STRIBECK_RAD_S: [f64; 4] = [0.03, 0.06, 0.12, 0.25];
@@ -64,7 +65,13 @@ pub(in crate::whole) struct Known {
 }
 
 /// Instants around the middle of a row, s: a motor that turns round within a row has each friction for a part of it.
-const WITHIN_S: [f64; 5] = [-0.04, -0.02, 0.0, 0.02, 0.04];
+const WITHIN_S: [f64; 5] = [
+    -0.8 * HALF_S,
+    -0.4 * HALF_S,
+    0.0,
+    0.4 * HALF_S,
+    0.8 * HALF_S,
+];
 
 /// An instant of a motion.
 #[derive(Clone, Copy)]
