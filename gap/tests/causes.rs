@@ -149,7 +149,7 @@ fn a_limit_of_the_torque_is_found_with_its_size() {
     let named = (cause.effect, cause.joints.as_slice());
     assert_eq!(named, (Some("torque_limit"), [2].as_slice()));
     let size = &cause.values["limit_nm"];
-    assert!((size.value - 1.0).abs() < 0.2, "{size:?}");
+    assert!((size.value - 1.0).abs() < 0.16, "{size:?}");
     let [low, high] = size.ci95;
     assert!(low < 1.0 && 1.0 < high, "{low} to {high}");
     let e = &found.held_out.errors["position_rmse_rad"];

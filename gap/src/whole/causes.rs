@@ -383,6 +383,8 @@ pub(super) struct Explained {
     pub(super) found: Found,
     /// Damping of a soft ground with its standard deviation, N s/m: no column has it.
     pub(super) damping: [f64; 2],
+    /// Block, column and coefficient of each servo's causes where its runs, played, fit best.
+    pub(super) fitted: Vec<(usize, usize, f64)>,
 }
 
 /// Largest evidence that the `blocks` of a robot show for each effect.
@@ -448,6 +450,7 @@ pub(super) fn explain(
         search.refine(&out);
     }
     out.damping = search.posed.damping();
+    out.fitted = search.fitted_servos();
     begins(2);
     let held_out = search.held_out(&out);
     let beside = search.beside(&out);

@@ -4,7 +4,7 @@ use files::model::Model;
 
 use super::super::experiment::{Explanation, Open};
 use super::super::patch::patched;
-use super::rows::{parts, values};
+use super::rows::parts;
 use super::{Asked, Explained, Part};
 use crate::decide::CLASS;
 use crate::evidence::cause::Cause;
@@ -24,7 +24,7 @@ impl Explained {
         let posterior = self.problem().posterior(members);
         let one = |(m, first): (&usize, &usize)| {
             let cause = &self.causes[*m];
-            let values = values(cause, &posterior, *first, self.damping, 0.0);
+            let values = self.values(cause, &posterior, *first, 0.0);
             let own = cause.effect.map(|e| parts(e, &cause.joints, &values));
             (*m, own.unwrap_or_default())
         };

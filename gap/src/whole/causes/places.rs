@@ -197,6 +197,7 @@ mod tests {
             always: Vec::new(),
             found,
             damping: [0.0; 2],
+            fitted: Vec::new(),
         }
         .places()
     }

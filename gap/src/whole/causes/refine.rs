@@ -104,6 +104,7 @@ impl<'a> Passes<'a> {
             always,
             found,
             damping: self.posed.damping(),
+            fitted: Vec::new(),
         }
     }
 
@@ -114,6 +115,17 @@ impl<'a> Passes<'a> {
         let white = &self.whites[i];
         let spreads = &self.asked.calibration.spreads;
         spreads.taken_from(white, white.explained(&by))
+    }
+
+    /// Block, column and coefficient of the servos that have a cause, where their runs, played, fit best.
+    pub(super) fn fitted_servos(&self) -> Vec<(usize, usize, f64)> {
+        let own = |(i, w): (usize, &White)| {
+            let played = w.site.stage == Stage::Driver && w.columns.len() > 1;
+            let k = w.site.joint.filter(|k| played && self.caused[*k])?;
+            Some(self.joints[k].iter().map(move |(c, x)| (i, *c, *x)))
+        };
+        let all = self.whites.iter().enumerate();
+        all.filter_map(own).flatten().collect()
     }
 
     /// Moves the point of linearisation to where the causes `found` fit best.

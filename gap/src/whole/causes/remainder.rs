@@ -168,6 +168,7 @@ mod tests {
                 next: None,
             },
             damping: [0.0; 2],
+            fitted: Vec::new(),
         }
     }
 

@@ -141,21 +141,6 @@ pub struct Causes {
 /// Alternatives that are listed.
 const LISTED: usize = 5;
 
-/// Mean and standard deviation of a number.
-fn number(cause: &Cause, n: usize, p: &Posterior, first: usize) -> (f64, f64) {
-    let own = &cause.numbers[n];
-    let size = p.mean.len();
-    let (mut mean, mut variance) = (own.mean, 0.0);
-    for (l, w) in &own.of_latents {
-        mean += w * p.mean[first + l];
-        for (m, v) in &own.of_latents {
-            variance += w * v * p.covariance[(first + l) * size + first + m];
-        }
-    }
-    let value = own.neutral + own.scale * mean;
-    (value, (own.scale * variance.max(0.0).sqrt()).abs())
-}
-
 /// What a key of a column is called in the vocabulary, and its values there: a give is one over a stiffness.
 fn named(key: &'static str, of: Value) -> (&'static str, Value) {
     let stiff = |give: f64| 1.0 / give.max(1e-6);
@@ -173,58 +158,6 @@ fn named(key: &'static str, of: Value) -> (&'static str, Value) {
         "give_m_n" => ("stiffness_n_m", inverse(of)),
         _ => (key, of),
     }
-}
-
-pub(super) fn values(
-    cause: &Cause,
-    p: &Posterior,
-    first: usize,
-    damping: [f64; 2],
-    law: f64,
-) -> BTreeMap<&'static str, Value> {
-    let mut out: BTreeMap<&'static str, Value> = BTreeMap::new();
-    let mut count: BTreeMap<&'static str, f64> = BTreeMap::new();
-    for (i, own) in cause.numbers.iter().enumerate() {
-        let (value, sd) = number(cause, i, p, first);
-        let sd = libm::hypot(sd, law * (value - own.neutral));
-        let ci95 = [value - 1.96 * sd, value + 1.96 * sd];
-        let slot = out.entry(own.key).or_insert(Value {
-            value: 0.0,
-            ci95,
-            by_joint: BTreeMap::new(),
-        });
-        slot.value += value;
-        slot.ci95 = [slot.ci95[0].min(ci95[0]), slot.ci95[1].max(ci95[1])];
-        *count.entry(own.key).or_default() += 1.0;
-        if let Some(k) = own.joint {
-            slot.by_joint.insert(k, value);
-        }
-    }
-    for (key, n) in count {
-        if let Some(v) = out.get_mut(key) {
-            v.value /= n;
-        }
-    }
-    let mut out: BTreeMap<&'static str, Value> =
-        out.into_iter().map(|(key, of)| named(key, of)).collect();
-    polar(
-        &mut out,
-        ["sine_nm", "cosine_nm"],
-        ["amplitude_nm", "phase_rad"],
-    );
-    for (key, value) in &cause.fixed {
-        let [value, off] = match *key {
-            "damping_n_s_m" => [damping[0], 1.96 * damping[1]],
-            _ => [*value, 0.0],
-        };
-        let fixed = Value {
-            value,
-            ci95: [value - off, value + off],
-            by_joint: BTreeMap::new(),
-        };
-        out.entry(key).or_insert(fixed);
-    }
-    out
 }
 
 /// Puts size and direction in the place of sine and cosine parts: `a sin(x + phase)`.
@@ -349,6 +282,79 @@ impl Causes {
 }
 
 impl Explained {
+    /// Mean and standard deviation of number `n` of `cause`; the mean of a servo's is where the runs, played, fit best.
+    fn number(&self, cause: &Cause, n: usize, p: &Posterior, first: usize) -> (f64, f64) {
+        let own = &cause.numbers[n];
+        let size = p.mean.len();
+        let (mut mean, mut variance) = (own.mean, 0.0);
+        for (l, w) in &own.of_latents {
+            mean += w * p.mean[first + l];
+            for (m, v) in &own.of_latents {
+                variance += w * v * p.covariance[(first + l) * size + first + m];
+            }
+        }
+        let entries = own.of_latents.last().map(|l| cause.latents[l.0].as_slice());
+        if let Some([(block, column, _)]) = entries {
+            let here = |f: &&(usize, usize, f64)| (f.0, f.1) == (*block, *column);
+            mean = self.fitted.iter().find(here).map_or(mean, |f| f.2);
+        }
+        let value = own.neutral + own.scale * mean;
+        (value, (own.scale * variance.max(0.0).sqrt()).abs())
+    }
+
+    /// Values of `cause`, whose laws are off by the share `law`.
+    pub(super) fn values(
+        &self,
+        cause: &Cause,
+        p: &Posterior,
+        first: usize,
+        law: f64,
+    ) -> BTreeMap<&'static str, Value> {
+        let mut out: BTreeMap<&'static str, Value> = BTreeMap::new();
+        let mut count: BTreeMap<&'static str, f64> = BTreeMap::new();
+        for (i, own) in cause.numbers.iter().enumerate() {
+            let (value, sd) = self.number(cause, i, p, first);
+            let sd = libm::hypot(sd, law * (value - own.neutral));
+            let ci95 = [value - 1.96 * sd, value + 1.96 * sd];
+            let slot = out.entry(own.key).or_insert(Value {
+                value: 0.0,
+                ci95,
+                by_joint: BTreeMap::new(),
+            });
+            slot.value += value;
+            slot.ci95 = [slot.ci95[0].min(ci95[0]), slot.ci95[1].max(ci95[1])];
+            *count.entry(own.key).or_default() += 1.0;
+            if let Some(k) = own.joint {
+                slot.by_joint.insert(k, value);
+            }
+        }
+        for (key, n) in count {
+            if let Some(v) = out.get_mut(key) {
+                v.value /= n;
+            }
+        }
+        let mut out: BTreeMap<&'static str, Value> =
+            out.into_iter().map(|(key, of)| named(key, of)).collect();
+        polar(
+            &mut out,
+            ["sine_nm", "cosine_nm"],
+            ["amplitude_nm", "phase_rad"],
+        );
+        for (key, value) in &cause.fixed {
+            let [value, off] = match *key {
+                "damping_n_s_m" => [self.damping[0], 1.96 * self.damping[1]],
+                _ => [*value, 0.0],
+            };
+            let fixed = Value {
+                value,
+                ci95: [value - off, value + off],
+                by_joint: BTreeMap::new(),
+            };
+            out.entry(key).or_insert(fixed);
+        }
+        out
+    }
+
     /// Causes in words and numbers, decided by `calibration`.
     pub(in crate::whole) fn rows(&self, calibration: &Calibration, held_out: HeldOut) -> Causes {
         let problem = self.problem();
@@ -372,11 +378,10 @@ impl Explained {
                     scope: cause.scope,
                     joints: cause.joints.clone(),
                     kind,
-                    values: values(
+                    values: self.values(
                         cause,
                         &posterior,
                         posterior.first[i],
-                        self.damping,
                         cause.effect.map_or(0.0, |e| calibration.law(e.stage())),
                     ),
                     probability: (1.0 - p_value) / (1.0 + others),
