@@ -55,8 +55,6 @@ pub(super) use windings::{motor, signals};
 const ORDER: usize = 6;
 /// Share of the limit from which a motor counts as at it.
 const AT_LIMIT: f64 = 0.95;
-/// Slope of angle over set-point below which a joint turns the other way.
-const TURNED: f64 = -0.3;
 
 /// The groups of joints that may share a cause.
 pub(super) fn groups() -> Vec<Group> {
@@ -155,8 +153,10 @@ impl Asked<'_> {
                 let sent = run.joints[c.order[k]].command.as_ref();
                 let heard = run.joints[c.echo_at[c.order[k]]].applied.as_ref();
                 applied |= (echo.uneven || sent.is_none()) && heard.is_some();
+                let mut command = position::regular(echo.command(sent, heard)?);
+                command.v.iter_mut().for_each(|v| *v *= c.sign[k]);
                 let input = position::Input {
-                    command: position::regular(echo.command(sent, heard)?),
+                    command,
                     position: run.joints[k].position.as_ref()?,
                     load_nm: borne.as_ref().unwrap_or(&loads.borne[*r][k]),
                     load_step_s: PERIOD_S,
@@ -287,8 +287,8 @@ impl Asked<'_> {
             let number = conventions::permutation(&order);
             out.push(sure(Effect::JointOrder, None, ("permutation", number)));
         }
-        for (k, slope) in self.conventions.slope.iter().enumerate() {
-            if self.turned[k] || slope.is_some_and(|s| s < TURNED) {
+        for (k, sign) in self.conventions.sign.iter().enumerate() {
+            if self.turned[k] || *sign < 0.0 {
                 out.push(sure(Effect::JointSign, Some(k), ("sign", -1.0)));
             }
         }

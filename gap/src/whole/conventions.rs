@@ -12,6 +12,9 @@ const EVERY_S: f64 = 0.1;
 const DOUBT: f64 = 0.3;
 const BETTER: f64 = 0.33;
 
+/// Slope of angle over set-point below which a joint turns the other way.
+const TURNED: f64 = -0.3;
+
 /// What the conventions are.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Conventions {
@@ -19,10 +22,8 @@ pub(super) struct Conventions {
     pub(super) order: [usize; JOINTS],
     /// Column in which the echo of the set-points of column `i` stands: with the set-points, or with the joint that follows them.
     pub(super) echo_at: [usize; JOINTS],
-    /// Slope of angle over set-point; `None` where a joint did not move or was not measured.
-    pub(super) slope: [Option<f64>; JOINTS],
-    /// Mean of angle less slope times set-point, rad.
-    pub(super) offset_rad: [f64; JOINTS],
+    /// -1 for a joint that turns the other way than its set-points, else 1.
+    pub(super) sign: [f64; JOINTS],
     /// The way of each joint's set-points.
     pub(super) echo: [Echo; JOINTS],
 }
@@ -33,8 +34,8 @@ impl Conventions {
         Self {
             order: std::array::from_fn(|k| k),
             echo_at: std::array::from_fn(|k| k),
+            sign: [1.0; JOINTS],
             echo: [Echo::NEUTRAL; JOINTS],
-            ..self.clone()
         }
     }
 }
@@ -178,7 +179,7 @@ pub(super) fn permutation(order: &[usize; JOINTS]) -> f64 {
         .unwrap_or(0) as f64
 }
 
-/// Finds order, signs, slopes and offsets.
+/// Finds order and signs.
 pub(super) fn find(data: &Data) -> Conventions {
     let s = sums(data);
     let identity: [usize; JOINTS] = std::array::from_fn(|k| k);
@@ -200,17 +201,15 @@ pub(super) fn find(data: &Data) -> Conventions {
     let mut out = Conventions {
         order,
         echo_at: echo_columns(data, &order),
-        slope: [None; JOINTS],
-        offset_rad: [0.0; JOINTS],
+        sign: [1.0; JOINTS],
         echo: [Echo::NEUTRAL; JOINTS],
     };
     for j in 0..JOINTS {
         let m = &s[order[j]][j];
-        // A joint that moves less than 0.05 rad RMS says nothing about signs and scales.
-        if m.n > 0.0 && m.xx > 0.0025 * m.n && m.left() < 0.5 {
-            let slope = m.xy / m.xx;
-            out.slope[j] = Some(slope);
-            out.offset_rad[j] = (m.y - slope * m.x) / m.n;
+        // A joint that moves less than 0.05 rad RMS says nothing about signs.
+        let moves = m.n > 0.0 && m.xx > 0.0025 * m.n && m.left() < 0.5;
+        if moves && m.xy < TURNED * m.xx {
+            out.sign[j] = -1.0;
         }
     }
     out
