@@ -5,7 +5,6 @@ use std::mem::discriminant;
 use super::servo::{Grid, Law};
 use super::shapes::Shape;
 use super::{Input, Known, LEAST_RAD, SHARE, less, shapes, spread_rad};
-use crate::evidence::block::Column;
 use crate::whole::fit::{Coordinate, Evaluate, Fit};
 
 /// Most steps of a fit.
@@ -41,14 +40,16 @@ impl Evaluate for Weighed<'_> {
 }
 
 /// A coefficient with the tolerance `sigma` where no cause sets it.
-fn coordinate(column: &Column, sigma: f64) -> Coordinate {
+fn coordinate(shape: &Shape, sigma: f64) -> Coordinate {
+    let column = &shape.column;
     let size = libm::hypot(column.prior[0], column.prior[1]);
     let least = if column.positive { 0.0 } else { -MOST * size };
+    let [low, high] = shape.change.range();
     Coordinate {
         neutral: 0.0,
         sigma,
         step: STEP * size,
-        range: [least, MOST * size],
+        range: [least.max(low), high.min(MOST * size)],
     }
 }
 
@@ -100,7 +101,7 @@ impl Played {
         let coordinates: Vec<Coordinate> = self
             .shapes
             .iter()
-            .map(|s| coordinate(&s.column, sigma(s)))
+            .map(|s| coordinate(s, sigma(s)))
             .collect();
         let mut theta = vec![0.0; count];
         for (c, by) in start {

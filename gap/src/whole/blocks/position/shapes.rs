@@ -27,6 +27,9 @@ const TORQUES_NM: [f64; 23] = [
     1.23, 1.48, 1.78, 2.13, 2.56, 3.1, 3.7, 4.4,
 ];
 
+/// Least share of the nominal gain, and of a limit of speed or torque, that is played.
+const LEAST_RATIO: f64 = 0.05;
+const LEAST_SHARE: f64 = 0.01;
 /// Least tolerance of a stated gain or speed limit, as a share: what rounding of a data sheet leaves.
 pub(super) const LEAST_TOLERANCE: f64 = 0.01;
 /// Numbers of the shapes that no effect has: of the servo's own, not of the drivetrain's.
@@ -67,12 +70,29 @@ impl Change {
         }
     }
 
+    /// Coefficients between which a law has its change: a limit is not negative, nor is a gain.
+    pub(super) fn range(self) -> [f64; 2] {
+        match self {
+            Self::Gain(size) if size > 0.0 => [(LEAST_RATIO - 1.0) / size, f64::INFINITY],
+            Self::Gain(size) => [f64::NEG_INFINITY, (LEAST_RATIO - 1.0) / size],
+            Self::Limit(size) if size > 0.0 => [f64::NEG_INFINITY, (1.0 - LEAST_SHARE) / size],
+            Self::Torque {
+                nominal_nm,
+                lost_nm,
+            } => [
+                f64::NEG_INFINITY,
+                (1.0 - LEAST_SHARE) * nominal_nm / lost_nm,
+            ],
+            _ => [f64::NEG_INFINITY, f64::INFINITY],
+        }
+    }
+
     /// The law with `by` of the change.
     pub(super) fn on(self, mut law: Law, by: f64) -> Law {
         match self {
             Self::Offset => law.offset += by,
             Self::Scale => law.scale += by,
-            Self::Gain(size) => law.ratio = (law.ratio + size * by).max(0.05),
+            Self::Gain(size) => law.ratio = (law.ratio + size * by).max(LEAST_RATIO),
             Self::Droop => law.droop += by,
             Self::Delay(size) => law.delay_s += size * by,
             Self::Clock => law.clock += by,
@@ -85,12 +105,12 @@ impl Change {
             Self::Lag(size) => law.lag_s = (law.lag_s + size * by).max(0.0),
             Self::Drift => law.drift += by,
             Self::Lopsided => law.lopsided += by,
-            Self::Limit(size) => law.share = (law.share - size * by).max(0.01),
+            Self::Limit(size) => law.share = (law.share - size * by).max(LEAST_SHARE),
             Self::Torque {
                 nominal_nm,
                 lost_nm,
             } => {
-                let least = 0.01 * nominal_nm;
+                let least = LEAST_SHARE * nominal_nm;
                 law.torque_nm = (law.torque_nm.min(nominal_nm) - lost_nm * by).max(least);
             }
         }
