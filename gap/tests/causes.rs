@@ -245,6 +245,41 @@ fn joints_in_another_order_have_the_number_of_their_permutation() {
     assert!(e.after < 0.1 * e.before, "{e:?}");
 }
 
+/// Set-points of joint 4 come with the other sign, and its driver has a limit of the speed.
+#[test]
+fn a_servo_that_turns_the_other_way_is_weighed_with_its_sign() {
+    let limited = planted(E::VelocityLimit, Some(4), &[0.3]);
+    let turned = Reality {
+        path: Box::new(|s| {
+            let flipped = |p: &[f64; 6]| std::array::from_fn(|k| if k == 4 { -p[k] } else { p[k] });
+            s.iter().map(flipped).collect()
+        }),
+        ..limited
+    };
+    let bare = Plan {
+        base: false,
+        effort: false,
+        ..Plan::default()
+    };
+    let found = causes(&bare, &turned);
+    let mut named: Vec<_> = found
+        .causes
+        .iter()
+        .map(|c| (c.effect, &*c.joints))
+        .collect();
+    named.sort_unstable();
+    let both = [Some("joint_sign"), Some("velocity_limit")].map(|e| (e, [4].as_slice()));
+    assert_eq!(named, both, "{:?}", found.causes);
+    let limit = found
+        .causes
+        .iter()
+        .find_map(|c| c.values.get("limit_rad_s"));
+    let value = limit.expect("a limit").value;
+    assert!((value / 0.3 - 1.0).abs() < 0.05, "{value}");
+    let e = &found.held_out.errors["position_rmse_rad"];
+    assert!(e.after < 0.1 * e.before, "{e:?}");
+}
+
 #[test]
 fn a_turned_camera_with_another_clock_is_named_with_both_sizes() {
     let plan = Plan {
