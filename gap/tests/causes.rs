@@ -245,22 +245,36 @@ fn joints_in_another_order_have_the_number_of_their_permutation() {
     assert!(e.after < 0.1 * e.before, "{e:?}");
 }
 
-/// Set-points of joint 4 come with the other sign, and its driver has a limit of the speed.
-#[test]
-fn a_servo_that_turns_the_other_way_is_weighed_with_its_sign() {
-    let limited = planted(E::VelocityLimit, Some(4), &[0.3]);
-    let turned = Reality {
+/// Angles alone of a robot whose set-points of joint 4 come with the other sign, and which is `otherwise`.
+fn turned(otherwise: Reality) -> (Plan, Reality) {
+    let reality = Reality {
         path: Box::new(|s| {
             let flipped = |p: &[f64; 6]| std::array::from_fn(|k| if k == 4 { -p[k] } else { p[k] });
             s.iter().map(flipped).collect()
         }),
-        ..limited
+        ..otherwise
     };
     let bare = Plan {
         base: false,
         effort: false,
         ..Plan::default()
     };
+    (bare, reality)
+}
+
+#[test]
+fn a_sign_that_may_not_be_named_is_unknown_in_its_place() {
+    let (bare, turned) = turned(Reality::default());
+    let found = causes_but(&[Effect::JointSign], &bare, &turned);
+    assert_eq!(found.verdict, Word::Unknown, "{:?}", found.causes);
+    let first = found.places.iter().find(|p| p.stage != "unexplained");
+    let place = first.map(|p| (p.stage, p.joint));
+    assert_eq!(place, Some(("conventions", Some(4))), "{:?}", found.places);
+}
+
+#[test]
+fn a_servo_that_turns_the_other_way_is_weighed_with_its_sign() {
+    let (bare, turned) = turned(planted(E::VelocityLimit, Some(4), &[0.3]));
     let found = causes(&bare, &turned);
     let mut named: Vec<_> = found
         .causes

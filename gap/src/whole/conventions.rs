@@ -11,8 +11,7 @@ const EVERY_S: f64 = 0.1;
 /// assignment may leave.
 const DOUBT: f64 = 0.3;
 const BETTER: f64 = 0.33;
-
-/// Slope of angle over set-point below which a joint turns the other way.
+/// Slope of angle over set-point below which a joint turns the other way. Chosen by hand, between 1 and -1; no calibration says so.
 const TURNED: f64 = -0.3;
 
 /// What the conventions are.

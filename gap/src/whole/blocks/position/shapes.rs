@@ -27,7 +27,8 @@ const TORQUES_NM: [f64; 23] = [
     1.23, 1.48, 1.78, 2.13, 2.56, 3.1, 3.7, 4.4,
 ];
 
-/// Least share of the nominal gain, and of a limit of speed or torque, that is played.
+/// Least share of the nominal gain, and of a limit of speed or torque, that is played. Numerics of a play, chosen by hand: a loop of
+/// no gain and a motor of no torque answer nothing. They decide no name.
 const LEAST_RATIO: f64 = 0.05;
 const LEAST_SHARE: f64 = 0.01;
 /// Least tolerance of a stated gain or speed limit, as a share: what rounding of a data sheet leaves.

@@ -2,7 +2,7 @@
 
 use super::super::found::{Named, named};
 use super::*;
-use crate::evidence::block::White;
+use crate::evidence::block::{Meaning, White};
 use crate::math::Rng;
 
 /// Gain of the loop, 1/s, time between rows, s, and noise of the encoder, rad.
@@ -346,4 +346,44 @@ fn a_fast_clock_has_no_errors_where_its_set_points_are_not_recorded() {
     // Two in a hundred of twelve seconds.
     let lost_s = whole_s - end(0.02);
     assert!((0.1..0.3).contains(&lost_s), "{lost_s}");
+}
+
+/// At the ends of its range a shape's number is the law's, and beyond them the law stays: a fit ends at a limit above zero.
+#[test]
+fn a_fitted_limit_or_gain_is_above_zero() {
+    let known = known();
+    let there = Law::nominal(&known.nominal);
+    let mut ends = 0;
+    for shape in shapes::shapes(&known, 10.0) {
+        let number = |law: &Law| match shape.column.meaning {
+            Meaning::Effect(Effect::LoopGain) => law.ratio,
+            Meaning::Effect(Effect::VelocityLimit) => law.most * law.share,
+            Meaning::Effect(Effect::TorqueLimit) => law.torque_nm,
+            _ => f64::NAN,
+        };
+        let of = shape.column.parameter;
+        for end in shape.change.range().into_iter().filter(|e| e.is_finite()) {
+            let law = shape.change.on(there, end);
+            if number(&law).is_finite() {
+                let value = of.neutral + of.scale * end;
+                assert!(
+                    value > 0.0 && (value - number(&law)).abs() < 1e-9,
+                    "{value}"
+                );
+                let beyond = number(&shape.change.on(there, 1.5 * end));
+                assert!((value - beyond).abs() < 1e-9, "{value} {beyond}");
+                ends += 1;
+            }
+        }
+    }
+    assert!(ends > 20, "{ends}");
+    let recorded = run([0.0, 1.0, 0.0], ROW_S, &mut Rng::new(5));
+    let limits = |s: &Shape| s.column.meaning == Meaning::Effect(Effect::VelocityLimit);
+    let all = shapes::shapes(&known, 0.0);
+    let at = all.iter().position(limits).expect("a limit");
+    let fitted = Played::new(&[input(&recorded)], &known).fitted(&[(at, 19.0)]);
+    let of = all[at].column.parameter;
+    for (_, by) in fitted.iter().filter(|f| f.0 == at) {
+        assert!(of.neutral + of.scale * by > 0.0, "{by}");
+    }
 }
