@@ -339,11 +339,14 @@ pub fn causes(blocks: &[Block], groups: &[Group], withheld: &[Effect]) -> Vec<Ca
                 out.push(shared(*effect, group.scope, &members, spread, many - cost));
             }
         }
-        let kinds: Vec<&str> = shown[effect].iter().map(String::as_str).collect();
-        let shown_by = kinds.join("+");
-        out[first..]
-            .iter_mut()
-            .for_each(|c| c.shown_by.clone_from(&shown_by));
+        for cause in &mut out[first..] {
+            // An open shape is the shape of its blocks; an effect is one, wherever it stands.
+            let kinds: BTreeSet<String> = match effect {
+                Some(_) => shown[effect].clone(),
+                None => cause.columns().map(|c| kind(&blocks[c.0].site)).collect(),
+            };
+            cause.shown_by = Vec::from_iter(kinds).join("+");
+        }
     }
     out
 }
