@@ -72,7 +72,7 @@ pub struct Cause {
     pub positive: bool,
     /// Logarithm of its prior probability over that of its absence.
     pub log_prior: f64,
-    /// Kinds of the blocks that its effect stands in, with a plus between them.
+    /// Kinds of the blocks that its effect stands in, with a plus between them; of an open shape its own blocks.
     pub shown_by: String,
 }
 
