@@ -340,7 +340,7 @@ pub fn causes(blocks: &[Block], groups: &[Group], withheld: &[Effect]) -> Vec<Ca
             }
         }
         for cause in &mut out[first..] {
-            // An open shape is the shape of its blocks; an effect is one, wherever it stands.
+            // An effect is the same in every block; open shapes of different blocks have nothing in common.
             let kinds: BTreeSet<String> = match effect {
                 Some(_) => shown[effect].clone(),
                 None => cause.columns().map(|c| kind(&blocks[c.0].site)).collect(),
@@ -363,4 +363,47 @@ fn shown_by(blocks: &[Block], all: &[Parts]) -> BTreeMap<Option<Effect>, BTreeSe
         out.entry(*effect).or_default().extend(own);
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::block::{Segment, White};
+    use crate::vocabulary::Stage;
+
+    /// A block of joint 0 with an offset and the open shape number `open`.
+    fn block(stage: Stage, open: usize) -> Block {
+        let site = Site {
+            stage,
+            joint: Some(0),
+            blind: false,
+            coarse: false,
+        };
+        let columns = vec![
+            Column::linear(Effect::JointOffset, "offset_rad", 0.0, 0.1),
+            Column::open(open, 0.1),
+        ];
+        let segment = Segment {
+            y: vec![1.0; 3],
+            x: vec![vec![1.0, 0.0, 2.0], vec![0.0, 1.0, 1.0]],
+            weight: vec![1.0; 3],
+        };
+        White::whitened(site, columns, &[segment], [1.0, 1.0]).plain()
+    }
+
+    #[test]
+    fn an_effect_is_shown_by_all_its_blocks_and_an_open_shape_by_its_own() {
+        let blocks = [block(Stage::Driver, 1), block(Stage::Drivetrain, 2)];
+        let shown: BTreeSet<(Option<Effect>, String)> = causes(&blocks, &[], &[])
+            .into_iter()
+            .map(|c| (c.effect, c.shown_by))
+            .collect();
+        let offset = Some(Effect::JointOffset);
+        let expected = [
+            (None, "driver"),
+            (None, "drivetrain"),
+            (offset, "driver+drivetrain"),
+        ];
+        assert_eq!(shown, expected.map(|(e, by)| (e, by.to_owned())).into());
+    }
 }
