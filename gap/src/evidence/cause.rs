@@ -111,9 +111,14 @@ fn parts(blocks: &[Block]) -> Vec<Parts> {
             if block.product(c, c) < 1e-9 {
                 continue;
             }
+            // An effect is the same in every block; open shapes of different stages have nothing in common.
+            let same = |p: &Part| {
+                let mut own = p.columns.iter().flat_map(|c| &c.0);
+                effect.is_some() || own.any(|e| blocks[e.0].site.stage == block.site.stage)
+            };
             let own = out
                 .iter_mut()
-                .find(|o| o.0 == effect && o.1 == column.shape);
+                .find(|o| o.0 == effect && o.1 == column.shape && o.2.iter().any(same));
             let parts = match own {
                 Some(own) => &mut own.2,
                 None => {
@@ -340,7 +345,6 @@ pub fn causes(blocks: &[Block], groups: &[Group], withheld: &[Effect]) -> Vec<Ca
             }
         }
         for cause in &mut out[first..] {
-            // An effect is the same in every block; open shapes of different blocks have nothing in common.
             let kinds: BTreeSet<String> = match effect {
                 Some(_) => shown[effect].clone(),
                 None => cause.columns().map(|c| kind(&blocks[c.0].site)).collect(),
@@ -393,7 +397,8 @@ mod tests {
 
     #[test]
     fn an_effect_is_shown_by_all_its_blocks_and_an_open_shape_by_its_own() {
-        let blocks = [block(Stage::Driver, 1), block(Stage::Drivetrain, 2)];
+        // By accident both shapes have one number.
+        let blocks = [block(Stage::Driver, 1), block(Stage::Drivetrain, 1)];
         let shown: BTreeSet<(Option<Effect>, String)> = causes(&blocks, &[], &[])
             .into_iter()
             .map(|c| (c.effect, c.shown_by))

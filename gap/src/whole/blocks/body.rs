@@ -240,7 +240,7 @@ fn drifting(moves: &[Move]) -> Vec<(usize, Column)> {
     moves.iter().enumerate().filter_map(of).collect()
 }
 
-/// Number of the first shape that drifts; no shape of a servo has it (`position/shapes.rs`), or they would be one cause.
+/// Number of the first shape that drifts.
 const DRIFTING: usize = 310;
 
 /// How late in its run each window begins: from -1/2 to 1/2.
