@@ -249,6 +249,7 @@ fn what_is_not_recorded_is_missing_and_changes_nothing_else() {
         (Lacking::Temperature, "temperature_c_"),
         (Lacking::Effort, "effort_nm_"),
         (Lacking::Inertial, "gyro_rad_s_"),
+        (Lacking::Pose, "base_"),
     ] {
         let plan = Plan {
             without: vec![without],

@@ -202,8 +202,9 @@ pub(super) fn without(rng: &mut Rng) -> Vec<Signal> {
         Signal::Effort => 0.3,
         Signal::Duty => 0.6,
         Signal::Temperature => 0.8,
+        Signal::Pose => 0.0,
     };
-    let all = Signal::ALL.into_iter();
+    let all = Signal::ALL.into_iter().filter(|s| *s != Signal::Pose);
     all.filter(|s| rng.chance(missing(s))).collect()
 }
 

@@ -52,7 +52,7 @@ fn recorded(plan: &Plan, channel: usize) -> bool {
         c if c < 4 * JOINTS => has(Signal::Echo),
         c if c == 4 * JOINTS => has(Signal::Bus),
         c if c < BASE => has(Signal::Inertial) && plan.seen_by.tracker(),
-        _ => plan.seen_by.tracker(),
+        _ => has(Signal::Pose) && plan.seen_by.tracker(),
     }
 }
 

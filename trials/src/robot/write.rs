@@ -101,13 +101,15 @@ pub(super) fn csv(track: &[Sample], plan: &Plan, noise: &mut Rng) -> String {
                 ",gyro_rad_s_x,gyro_rad_s_y,gyro_rad_s_z,accel_m_s2_x,accel_m_s2_y,accel_m_s2_z",
             );
         }
-        s.push_str(",base_x_m,base_y_m,base_z_m,base_qw,base_qx,base_qy,base_qz");
+        if !plan.without.contains(&Signal::Pose) {
+            s.push_str(",base_x_m,base_y_m,base_z_m,base_qw,base_qx,base_qy,base_qz");
+        }
     }
     s.push('\n');
     for (row, sample) in track.iter().enumerate() {
         joints(&mut s, sample, &plan.without, noise);
         if plan.seen_by.tracker() {
-            base(&mut s, row, sample, inertial, noise);
+            base(&mut s, (row, sample), &plan.without, noise);
         }
         s.push('\n');
     }
@@ -140,7 +142,8 @@ fn joints(s: &mut String, x: &Sample, without: &[Signal], noise: &mut Rng) {
     }
 }
 
-fn base(s: &mut String, row: usize, x: &Sample, inertial: bool, noise: &mut Rng) {
+fn base(s: &mut String, (row, x): (usize, &Sample), without: &[Signal], noise: &mut Rng) {
+    let [inertial, pose] = [Signal::Inertial, Signal::Pose].map(|x| !without.contains(&x));
     let mut n = |sigma: f64| sigma * noise.normal();
     let rates = x.gyro_rad_s.map(|v| (v + n(GYRO_RAD_S), 4));
     let forces = x.accel_m_s2.map(|v| (v + n(ACCEL_M_S2), 3));
@@ -149,13 +152,13 @@ fn base(s: &mut String, row: usize, x: &Sample, inertial: bool, noise: &mut Rng)
     }
     // The tracker runs at half the rate of the rows.
     if row.is_multiple_of(2) {
-        for v in x.base.position_m {
-            let _ = write!(s, ",{:.4}", f64::from(v) + n(BASE_M));
+        let place = x.base.position_m.map(|v| (f64::from(v) + n(BASE_M), 4));
+        let turn = [n(TURN_RAD), n(TURN_RAD), n(TURN_RAD)];
+        let attitude = turned(x.base.quaternion, turn).map(|v| (v, 5));
+        for (value, digits) in place.into_iter().chain(attitude).filter(|_| pose) {
+            let _ = write!(s, ",{value:.digits$}");
         }
-        for v in turned(x.base.quaternion, [n(TURN_RAD), n(TURN_RAD), n(TURN_RAD)]) {
-            let _ = write!(s, ",{v:.5}");
-        }
-    } else {
+    } else if pose {
         s.push_str(",,,,,,,");
     }
 }
