@@ -209,7 +209,7 @@ impl Plan {
                 delta_chi2_rival: None,
             })
         });
-        // Labels name the signals that a laboratory may lack; a robot is seen in one way or another.
+        // Every robot of a suite has its pose where it is tracked: labels do not list it.
         let may_lack = Signal::ALL.iter().filter(|s| **s != Signal::Pose);
         let recorded = may_lack.filter(|s| !self.without.contains(s));
         let columns: Vec<&str> = recorded.map(|s| s.name()).collect();
