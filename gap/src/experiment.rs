@@ -200,6 +200,7 @@ fn shell(problem: &Problem, motion: &Motion) -> Option<RunData> {
         }],
         t0_s: 0.0,
         count: 1.0,
+        horizon_s: f64::INFINITY,
     })
 }
 

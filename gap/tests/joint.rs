@@ -341,3 +341,41 @@ fn the_diagnosis_depends_on_no_maker_of_test_data() {
     assert!(seen.len() > 3);
     assert!(!seen.iter().any(|n| n == "hil-sim"), "{seen:?}");
 }
+
+#[test]
+fn a_play_that_is_right_needs_no_correction() {
+    let truth = Params::default().with(P::FeedbackDelay, 0.009);
+    let (manifest, recordings) = common::data(&truth, 3);
+    let problem = Problem::new(&manifest, &recordings, 0).expect("position");
+    let mut run = problem.runs[0].clone();
+    let (mut free, mut held) = (Trace::new(), Trace::new());
+    simulate(&run, &truth, problem.dt_s, &mut free);
+    for (sample, row) in run.samples.iter_mut().zip(&free) {
+        sample.measured[0] = row[0];
+    }
+    run.horizon_s = 0.05;
+    simulate(&run, &truth, problem.dt_s, &mut held);
+    assert_eq!(free, held);
+}
+
+#[test]
+fn a_joint_that_swings_by_itself_is_predicted_over_a_short_horizon() {
+    // The loop sees its encoder 15 ms late and swings; the play has 5 % less inertia, so it swings faster.
+    let truth = Params::default().with(P::FeedbackDelay, 0.015);
+    let (manifest, recordings) = common::data(&truth, 3);
+    let mut problem = Problem::new(&manifest, &recordings, 0).expect("position");
+    let near = truth.with(P::Inertia, 0.95);
+    let mut left = |horizon_s: f64| {
+        let mut errors = Vec::new();
+        for run in &mut problem.runs {
+            run.horizon_s = horizon_s;
+            let mut trace = Trace::new();
+            simulate(run, &near, problem.dt_s, &mut trace);
+            let each = run.samples.iter().zip(&trace);
+            errors.extend(each.map(|(s, y)| s.measured[0] - y[0]));
+        }
+        gap::math::rms(&errors)
+    };
+    let [free, held] = [f64::INFINITY, 0.05].map(&mut left);
+    assert!(held < 0.5 * free, "{held} of {free}");
+}

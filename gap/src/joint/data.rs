@@ -71,6 +71,8 @@ pub struct RunData {
     pub t0_s: f64,
     /// Recordings that were averaged into this one.
     pub count: f64,
+    /// Horizon over which positions are predicted from those before, s; infinite: played from the set-points alone.
+    pub horizon_s: f64,
 }
 
 /// Everything the fit needs to know of one joint.
@@ -337,6 +339,7 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
         steps,
         t0_s,
         count: 1.0,
+        horizon_s: f64::INFINITY,
     }
 }
 

@@ -4,6 +4,7 @@
 mod dispatch;
 mod errors;
 mod laws;
+mod observer;
 mod resolve;
 mod simd;
 mod state;
@@ -13,6 +14,7 @@ pub use self::errors::{Errors, Weights};
 pub(super) use self::simd::Eight;
 
 use self::laws::{control, drive, mechanics, ticks, transmission};
+use self::observer::Observer;
 use self::resolve::{Model, resolve};
 use self::simd::Lane;
 use self::state::{Memory, State};
@@ -73,6 +75,7 @@ fn walk<F: Lane>(run: &RunData, first: usize, params: &[Params], dt_s: f64, sink
     let mut commands = Commands::new(run, params, dt_s, start);
     let (mut applied, mut followed) = ([Eight::splat(0.0); BLOCK], [Eight::splat(0.0); BLOCK]);
     let (mut row, mut edge) = (0, 0);
+    let mut observer = Observer::new(run, dt_s);
     let mut enabled = true;
     let mut before = Before::of(&s);
     let mut fresh = true;
@@ -85,6 +88,7 @@ fn walk<F: Lane>(run: &RunData, first: usize, params: &[Params], dt_s: f64, sink
             while let Some(e) = run.edges.get(edge).filter(|e| e.step <= step) {
                 s.restart(e.position, e.velocity, step > 0);
                 memory.restart(e.position, e.velocity, dt_s);
+                observer.restart(step);
                 enabled = e.enabled;
                 before = Before::of(&s);
                 fresh = true;
@@ -105,6 +109,12 @@ fn walk<F: Lane>(run: &RunData, first: usize, params: &[Params], dt_s: f64, sink
             while let Some(x) = run.samples.get(row).filter(|x| x.step == step) {
                 last = channels(&m, &s, F::of(*applied), &before, x.part);
                 sink.row(first, row, &last);
+                if let Some(g) = observer.gains(x) {
+                    let error = (F::splat(x.measured[0]) - last[0]) / m.record_scale;
+                    let by = error * F::splat(g.position);
+                    s.shift(by, error * F::splat(g.speed_hz));
+                    memory.shift(by, g.steps, dt_s);
+                }
                 row += 1;
             }
             if run.samples.get(row).is_some_and(|x| x.step == step + 1) {

@@ -76,6 +76,14 @@ impl<F: Lane> State<F> {
         }
     }
 
+    /// The joint stands elsewhere and moves faster; a link behind play stays.
+    #[inline(always)]
+    pub(super) fn shift(&mut self, by: F, faster: F) {
+        self.q += by;
+        self.output += by;
+        self.dq += faster;
+    }
+
     #[inline(always)]
     pub(super) fn restart(&mut self, position: f64, velocity: f64, running: bool) {
         (self.q, self.dq) = (F::splat(position), F::splat(velocity));
@@ -128,6 +136,24 @@ impl Memory {
         let before = late.between(|steps| &self.seen[(self.newest + steps) % SEEN]);
         let speed = (q - before) * late.per_s;
         exact + late.share * (speed - exact)
+    }
+
+    /// As if the joint had come to be elsewhere evenly over the last `steps` steps.
+    pub(super) fn shift<F: Lane>(&mut self, by: F, steps: f64, dt_s: f64) {
+        let n = self.history.len();
+        let speed = by * F::splat(1.0 / (steps * dt_s));
+        let ages = 0..libm::ceil(steps) as usize;
+        for age in ages.clone().take(n) {
+            let [q, dq] = &mut self.history[(self.at + 2 * n - 1 - age) % n];
+            let share = F::splat(1.0 - age as f64 / steps);
+            *q = (F::of(*q) + by * share).put();
+            *dq = (F::of(*dq) + speed).put();
+        }
+        for age in ages.take(SEEN) {
+            let q = &mut self.seen[(self.newest + age) % SEEN];
+            let share = F::splat(1.0 - age as f64 / steps);
+            *q = (F::of(*q) + by * share).put();
+        }
     }
 
     /// As if the joint had come here at this speed.
