@@ -92,6 +92,12 @@ impl Shown {
     }
 }
 
+impl std::fmt::Display for Shown {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.key())
+    }
+}
+
 impl From<&Cause> for Shown {
     fn from(cause: &Cause) -> Self {
         Self::new(cause.effect, &cause.shown_by)

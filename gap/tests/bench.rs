@@ -88,3 +88,33 @@ fn too_little_stated_is_an_answer_with_the_list_of_what_to_state() {
     );
     assert!(found.causes.is_empty());
 }
+
+#[test]
+fn what_healthy_joints_differ_by_is_no_cause() {
+    let params = Params::default().with(P::Coulomb, 0.3);
+    let (manifest, recordings) = common::data(&params, 3);
+    let mut healthy = calibration();
+    let named = name_causes(&manifest, &recordings, &[], &healthy).expect("positions");
+    assert_eq!(
+        named.causes[0].effect,
+        Some("coulomb_friction"),
+        "{named:?}"
+    );
+    // Three times the size that the effect usually has.
+    let dry = "drivetrain.coulomb_friction..0".to_owned();
+    healthy.spreads.columns.insert(dry, 3.0);
+    let found = name_causes(&manifest, &recordings, &[], &healthy).expect("positions");
+    assert!(found.causes.is_empty(), "{found:?}");
+}
+
+#[test]
+fn a_joint_that_swings_out_of_step_with_its_repeats_has_lost_no_set_point() {
+    // The loop sees its encoder 12 ms late and swings; every run has a little more inertia than the one before.
+    let late = Params::default().with(P::FeedbackDelay, 0.012);
+    let (manifest, recordings) =
+        common::data_of(|run| late.with(P::Inertia, 1.0 + 0.004 * run as f64), 3);
+    let found = name_causes(&manifest, &recordings, &[], &calibration()).expect("positions");
+    let named: Vec<_> = found.causes.iter().map(|c| c.effect).collect();
+    assert!(!named.contains(&Some("packet_loss")), "{found:?}");
+    assert_eq!(named[0], Some("feedback_delay"), "{found:?}");
+}

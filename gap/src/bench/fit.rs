@@ -2,16 +2,9 @@
 
 use super::data::{Data, Errors};
 use super::model::{Model, Point};
-use crate::evidence::block::{Column, Segment};
+use super::noise::{Noise, Seen};
 use crate::evidence::linear::{backward, cholesky, forward, inverse, log_determinant};
-use crate::evidence::noise::Whitening;
 
-/// Order of the autoregression that whitens: 60 ms at 100 Hz.
-const ORDER: usize = 6;
-/// Whitened errors beyond this count linearly (Huber 1981), as in [`crate::evidence::noise`].
-const HUBER: f64 = 3.0;
-/// Model error in any one direction as a share of the noise, which no number of rows averages away.
-const MODEL_ERROR: f64 = 0.1;
 /// Most steps of a fit.
 const STEPS: usize = 12;
 /// Gain of half the squares below which a fit stands.
@@ -27,116 +20,6 @@ const TRIED: [(f64, f64); 8] = [
     (0.05, 0.0),
     (1.0, 100.0),
 ];
-
-/// The noise of every channel, and how much each row of it counts.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Noise {
-    filters: Vec<Whitening>,
-    /// By channel: `1 / (1 + rows MODEL_ERROR^2)`.
-    counts: Vec<f64>,
-    weights: Errors,
-    /// Channel number of every series.
-    channel: Vec<usize>,
-}
-
-/// A direction in the space of errors, with the prior of its coefficient.
-pub(super) struct Direction {
-    pub(super) errors: Errors,
-    pub(super) prior: [f64; 2],
-}
-
-impl Noise {
-    /// From what `directions` together leave of `errors`.
-    pub(super) fn new(data: &Data, errors: &Errors, directions: &[&Direction]) -> Self {
-        let columns: Vec<Column> = directions
-            .iter()
-            .map(|d| Column {
-                prior: d.prior,
-                ..Column::nuisance(0.0)
-            })
-            .collect();
-        let mut out = Self {
-            filters: Vec::new(),
-            counts: Vec::new(),
-            weights: Vec::new(),
-            channel: Vec::new(),
-        };
-        for k in 0..data.channels.len() {
-            let segments: Vec<Segment> = data
-                .series(k)
-                .map(|s| Segment {
-                    y: errors[s].clone(),
-                    x: directions
-                        .iter()
-                        .map(|d| d.errors[s].iter().map(|e| -e).collect())
-                        .collect(),
-                    weight: data.weights[s].clone(),
-                })
-                .collect();
-            let filter = Whitening::fit(&segments, &columns, ORDER, data.floor(k));
-            let mut rows = 0.0;
-            for s in data.series(k) {
-                let mut weight = data.weights[s].clone();
-                weight
-                    .iter_mut()
-                    .take(filter.order())
-                    .for_each(|w| *w = 0.0);
-                rows += weight.iter().sum::<f64>();
-                out.weights.push(weight);
-                out.channel.push(k);
-            }
-            out.counts
-                .push(1.0 / (1.0 + rows * MODEL_ERROR * MODEL_ERROR));
-            out.filters.push(filter);
-        }
-        out
-    }
-
-    /// Filter of the first channel, and how much a row of it counts.
-    pub(super) fn first(&self) -> Option<(&Whitening, f64)> {
-        Some((self.filters.first()?, *self.counts.first()?))
-    }
-
-    pub(super) fn white(&self, errors: &Errors) -> Errors {
-        errors
-            .iter()
-            .zip(&self.channel)
-            .map(|(e, k)| self.filters[*k].apply(e))
-            .collect()
-    }
-
-    /// Sum over all rows of `of`, each with how much it counts.
-    fn sum(&self, of: impl Fn(usize, usize) -> f64) -> f64 {
-        let mut out = 0.0;
-        for (s, weight) in self.weights.iter().enumerate() {
-            let mut own = 0.0;
-            for (i, w) in weight.iter().enumerate() {
-                if *w > 0.0 {
-                    own += w * of(s, i);
-                }
-            }
-            out += own * self.counts[self.channel[s]];
-        }
-        out
-    }
-
-    /// Squares of whitened errors, large ones linearly.
-    pub(super) fn squares(&self, white: &Errors) -> f64 {
-        self.sum(|s, i| {
-            let z = white[s][i].abs();
-            if z > HUBER {
-                HUBER * (2.0 * z - HUBER)
-            } else {
-                z * z
-            }
-        })
-    }
-
-    /// Weighted product of two directions around errors `white`.
-    pub(super) fn product(&self, a: &Errors, b: &Errors, white: &Errors) -> f64 {
-        self.sum(|s, i| a[s][i] * b[s][i] * HUBER / white[s][i].abs().max(HUBER))
-    }
-}
 
 /// A fitted model.
 #[derive(Debug, Clone)]
@@ -168,19 +51,24 @@ struct Normal {
 
 fn normal(noise: &Noise, model: &Model, x: &[f64], white: &Errors, slopes: &[Errors]) -> Normal {
     let n = x.len();
-    let white_slopes: Vec<Errors> = slopes.iter().map(|s| noise.white(s)).collect();
+    let (_, weights) = noise.left(white);
+    let white_slopes: Vec<Seen> = slopes
+        .iter()
+        .map(|s| noise.seen(noise.white(s), &weights))
+        .collect();
+    let errors = noise.seen(white.clone(), &weights);
     let mut a = vec![0.0; n * n];
     let mut gradient = vec![0.0; n];
     for i in 0..n {
         for j in 0..=i {
-            let p = noise.product(&white_slopes[i], &white_slopes[j], white);
+            let p = noise.product(&white_slopes[i], &white_slopes[j], &weights);
             a[i * n + j] = p;
             a[j * n + i] = p;
         }
         let c = &model.coordinates[i];
         let stiff = 1.0 / (c.sd * c.sd);
         a[i * n + i] += stiff;
-        gradient[i] = noise.product(&white_slopes[i], white, white) + stiff * (x[i] - c.mean);
+        gradient[i] = noise.product(&white_slopes[i], &errors, &weights) + stiff * (x[i] - c.mean);
     }
     Normal { a, gradient }
 }
@@ -228,7 +116,7 @@ impl Fit {
         let mut x = inside(start);
         let mut errors = data.errors(&[model.point(&x)]).remove(0);
         let cost_of = |errors: &Errors, x: &[f64]| {
-            0.5 * (noise.squares(&noise.white(errors)) + prior_squares(&model, x))
+            0.5 * (noise.left(&noise.white(errors)).0 + prior_squares(&model, x))
         };
         let mut cost = cost_of(&errors, &x);
         let mut own = slopes(data, &model, &x, &errors);
@@ -270,7 +158,7 @@ impl Fit {
     pub(super) fn weigh(&mut self, noise: &Noise) {
         let n = self.x.len();
         let white = noise.white(&self.errors);
-        self.cost = 0.5 * (noise.squares(&white) + prior_squares(&self.model, &self.x));
+        self.cost = 0.5 * (noise.left(&white).0 + prior_squares(&self.model, &self.x));
         let own = normal(noise, &self.model, &self.x, &white, &self.slopes);
         self.factor = cholesky(&own.a, n);
         let priors: f64 = self

@@ -5,6 +5,7 @@ use files::dataset::{Command, Output};
 use super::data::{Data, row_s};
 use super::model::{Axis, Coordinate, Point};
 use crate::candidates::{self, Candidate};
+use crate::evidence::block::{Column, Meaning, Parameter, Site};
 use crate::fit::{Free, Map};
 use crate::joint::{Channel, P};
 use crate::vocabulary::{Effect, Stage};
@@ -71,7 +72,7 @@ impl Kind {
     }
 }
 
-fn column(c: Channel) -> &'static str {
+pub(super) fn column(c: Channel) -> &'static str {
     match c {
         Channel::Position => "position",
         Channel::Current => "current",
@@ -106,6 +107,52 @@ impl Hypothesis {
             out.set(c.axis, *v);
         }
         out
+    }
+
+    /// Values at which it has no effect, or as little as its bounds allow.
+    pub(super) fn neutral(&self) -> Vec<f64> {
+        let neutral = Point::default();
+        let all = self.coordinates.iter().zip(&self.starts[0]);
+        all.map(|(c, start)| {
+            let value = neutral.get(c.axis);
+            if value.is_finite() { value } else { *start }
+        })
+        .collect()
+    }
+
+    /// How far a start is from no effect, in standard deviations of its prior; 1 for a size that has no neutral value.
+    fn size(&self, start: &[f64]) -> f64 {
+        let neutral = Point::default();
+        let each = self.coordinates.iter().zip(start).map(|(c, v)| {
+            let off = (c.variable(*v) - c.variable(neutral.get(c.axis))) / c.sd;
+            if off.is_finite() { off * off } else { 0.0 }
+        });
+        let size = each.sum::<f64>().sqrt();
+        if size > 0.0 { size } else { 1.0 }
+    }
+
+    /// The hypothesis as a column of errors that a start changes, one unit being one standard deviation of its prior,
+    /// and the share of the start that one unit is.
+    pub(super) fn column(&self, start: &[f64]) -> (Column, f64) {
+        let variant = self.candidate.as_ref().map_or("", |c| c.variant);
+        let (meaning, key) = match self.kind {
+            Kind::One(e) => (Meaning::Effect(e), variant),
+            Kind::Payload => (Meaning::Effect(Effect::GravityLoad), "payload"),
+            Kind::WeakBattery => (Meaning::Effect(Effect::SupplySag), "weak_battery"),
+            Kind::ColumnScale(c) => (Meaning::Open, column(c)),
+        };
+        let own = Column {
+            meaning,
+            prior: [0.0, 1.0],
+            slack: 0.0,
+            parameter: Parameter {
+                key,
+                neutral: 0.0,
+                scale: 1.0,
+            },
+            ..Column::nuisance(1.0)
+        };
+        (own, 1.0 / self.size(start))
     }
 
     pub(super) fn axes(&self) -> impl Iterator<Item = Axis> {
@@ -267,6 +314,14 @@ fn compounds(data: &Data, out: &mut Vec<Hypothesis>) {
         }
     }
 }
+
+/// A joint on a bench as one block of errors.
+pub(super) const SITE: Site = Site {
+    stage: Stage::Drivetrain,
+    joint: None,
+    blind: false,
+    coarse: false,
+};
 
 /// What two simulators of one servo differ by in scale and place, as a share of the motion; one standard deviation.
 const SAME_SCALE: f64 = 1e-3;

@@ -3,7 +3,7 @@
 
 use files::dataset::{Manifest, Recording, Signal};
 
-use super::data::{Data, average};
+use super::data::{Data, average, predicted};
 use super::model::Point;
 use super::rows::Read;
 use crate::evidence::noise::Whitening;
@@ -178,6 +178,7 @@ pub(super) fn lost(
 ) -> Option<Lost> {
     let mut problem = Problem::new(manifest, recordings, 0)?;
     super::transport::regular(&mut problem);
+    predicted(&mut problem);
     let many = data
         .problem
         .runs

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::Explained;
-use super::library::Hypothesis;
+use super::data::Data;
+use super::library::{Hypothesis, Kind};
 use super::search::Set;
+use super::{Explained, shown};
 use crate::decide::{CLASS, Calibration, LEVEL, MOST, Shown};
 use crate::evidence::cause::Scope;
 use crate::names;
@@ -46,7 +47,7 @@ pub struct Causes {
     pub to_state: Vec<&'static str>,
     /// Chance that a joint without a cause leaves as much.
     pub remainder_p: Option<f64>,
-    /// Evidence that a cause must add, and the joints without a cause that it comes from.
+    /// Evidence that a cause must add at least; each is asked for its own. How many joints without a cause say so.
     pub least_evidence: f64,
     /// How many.
     pub null_joints: usize,
@@ -78,8 +79,9 @@ impl Read {
         }
     }
 
-    fn row(&self, calibration: &Calibration) -> Row {
-        let p_value = calibration.p_value(&Shown::default(), self.evidence);
+    fn row(&self, data: &Data, calibration: &Calibration) -> Row {
+        let shown = shown(data, Kind::One(self.effect));
+        let p_value = calibration.p_value(&shown, self.evidence);
         let off = 1.96 * self.error;
         let value = Value {
             value: self.value,
@@ -97,7 +99,7 @@ impl Read {
             probability: 1.0 - p_value,
             p_value,
             evidence: self.evidence,
-            asked: calibration.least(),
+            asked: calibration.ask(&shown),
             alternatives: Vec::new(),
             without: BTreeMap::new(),
             alone: BTreeMap::new(),
@@ -124,14 +126,14 @@ impl Causes {
             },
             to_state: missing,
             remainder_p: None,
-            least_evidence: calibration.least(),
+            least_evidence: calibration.ask(&Shown::default()),
             null_joints: calibration.strongest.len(),
         }
     }
 }
 
 /// Standard deviations of the values of a hypothesis, by slopes along the set's coordinates.
-fn values(e: &Explained, set: &Set, h: &Hypothesis) -> BTreeMap<&'static str, Value> {
+fn values(e: &Explained<'_>, set: &Set, h: &Hypothesis) -> BTreeMap<&'static str, Value> {
     let read = |x: &[f64]| -> Vec<(&'static str, f64)> {
         let point = set.fit.model.point(x);
         match &h.candidate {
@@ -188,7 +190,7 @@ fn key(h: &Hypothesis, axis: super::model::Axis) -> &'static str {
     }
 }
 
-impl Explained {
+impl Explained<'_> {
     fn row(&self, i: usize, calibration: &Calibration) -> Row {
         let set = &self.found.best;
         let h = &self.search.hypotheses[set.members[i]];
@@ -224,7 +226,8 @@ impl Explained {
         }
         alternatives.truncate(LISTED);
         let evidence = self.found.gains[i];
-        let p_value = calibration.p_value(&Shown::default(), evidence);
+        let shown = shown(&self.data, h.kind);
+        let p_value = calibration.p_value(&shown, evidence);
         let others: f64 = alternatives
             .iter()
             .map(|a| libm::exp(-a.margin.max(-20.0)))
@@ -243,7 +246,7 @@ impl Explained {
             probability: (1.0 - p_value) / (1.0 + others),
             p_value,
             evidence,
-            asked: calibration.least(),
+            asked: calibration.ask(&shown),
             alternatives,
             without: BTreeMap::new(),
             alone: BTreeMap::new(),
@@ -260,8 +263,10 @@ impl Explained {
             })
             .collect();
         let read = self.transport.read.iter();
-        let strong = read.filter(|r| r.evidence > calibration.least());
-        named.extend(strong.map(|r| (r.row(calibration), r.effect.plain().to_owned())));
+        let asked = |r: &Read| calibration.ask(&shown(&self.data, Kind::One(r.effect)));
+        let strong = read.filter(|r| r.evidence > asked(r));
+        let row = |r: &Read| (r.row(&self.data, calibration), r.effect.plain().to_owned());
+        named.extend(strong.map(row));
         named.sort_by(|a, b| b.0.evidence.total_cmp(&a.0.evidence));
         let (causes, plain): (Vec<Row>, Vec<String>) = named.into_iter().unzip();
         let remainder_p = calibration.remainder_p(self.remainder.ratio);
@@ -273,12 +278,11 @@ impl Explained {
             Some(_) if causes.iter().all(|r| r.kind == "parametric") => Word::Parametric,
             Some(_) => Word::Explained,
         };
-        let none = if causes.is_empty() {
-            calibration
-                .p_value(&Shown::default(), self.found.next)
-                .min(1.0)
-        } else {
-            0.0
+        let nearest = |(kind, adds)| calibration.p_value(&shown(&self.data, kind), adds);
+        let none = match self.found.next {
+            Some(next) if causes.is_empty() => nearest(next),
+            None if causes.is_empty() => 1.0,
+            _ => 0.0,
         };
         let unknown = if verdict == Word::Unknown {
             1.0 - none
@@ -293,16 +297,16 @@ impl Explained {
             probabilities: Probabilities { none, unknown },
             to_state: Vec::new(),
             remainder_p: Some(remainder_p),
-            least_evidence: calibration.least(),
+            least_evidence: self.least(calibration),
             null_joints: calibration.strongest.len(),
         }
     }
 
-    /// Evidence of the strongest cause, named or not.
-    pub(super) fn strongest(&self) -> f64 {
-        let read = self.transport.read.iter().map(|r| r.evidence);
-        let gains = self.found.gains.iter().copied();
-        gains.chain(read).fold(self.found.next, f64::max)
+    /// The least that is asked of any cause.
+    fn least(&self, calibration: &Calibration) -> f64 {
+        let all = self.search.hypotheses.iter();
+        let asks = all.map(|h| calibration.ask(&shown(&self.data, h.kind)));
+        asks.fold(f64::INFINITY, f64::min)
     }
 }
 

@@ -3,16 +3,23 @@
 use rayon::prelude::*;
 
 use super::data::{Data, Errors};
-use super::fit::{Direction, Fit, Noise};
-use super::library::{Hypothesis, Kind, library, nuisances};
+use super::fit::Fit;
+use super::library::{Hypothesis, Kind, SITE, library, nuisances};
 use super::model::{Axis, Coordinate, Model, Point};
-use crate::evidence::linear::{cholesky, forward};
+use super::noise::{Direction, Noise, Seen};
+use crate::evidence::block::{Column, Segment, White};
+use crate::evidence::ensemble::{Spreads, kind, name};
+use crate::evidence::linear::{cholesky, dot, forward};
 use crate::vocabulary::Effect;
 
 /// Hypotheses that are fitted of those that were scanned.
 const FITTED: usize = 8;
 /// Starts of one hypothesis that are kept after the first scan.
 const KEPT: usize = 8;
+/// Sets of those that grew, best first, that are weighed under the noise they leave.
+const TRIED: usize = 3;
+/// Rounds in which the fit without a cause may move.
+const ROUNDS: usize = 3;
 /// Sets that are kept at every size.
 const BEAM: usize = 2;
 /// Most causes of a joint.
@@ -24,6 +31,11 @@ const STAYS: usize = 12;
 const BETWEEN: f64 = 0.5;
 /// Expected number of causes of a joint, as for robots.
 const EXPECTED: f64 = 2.0;
+/// Model error in any one direction as a share of the noise, where no healthy joints say it.
+const MODEL_ERROR: f64 = 0.1;
+
+/// What a kind of cause must add.
+pub(super) type Ask<'a> = &'a dyn Fn(Kind) -> f64;
 
 /// A set of causes, fitted.
 #[derive(Debug, Clone)]
@@ -52,17 +64,19 @@ pub(super) struct Found {
     pub(super) gains: Vec<f64>,
     /// Rivals of each member, nearest first.
     pub(super) rivals: Vec<Vec<Rival>>,
-    /// The best gain of a cause that was not taken.
-    pub(super) next: f64,
+    /// The cause of those that were not taken which comes nearest to what is asked of it, and what it adds.
+    pub(super) next: Option<(Kind, f64)>,
 }
 
 /// Everything that sets are made of.
-pub(super) struct Search {
+pub(super) struct Search<'a> {
     pub(super) hypotheses: Vec<Hypothesis>,
     nuisances: Vec<Coordinate>,
     pub(super) noise: Noise,
     log_prior: f64,
     base: Point,
+    /// What healthy joints differ by.
+    spreads: &'a Spreads,
 }
 
 /// A hypothesis around a fit: its best start, what it gains there, and the errors it changes.
@@ -73,12 +87,12 @@ struct Scanned {
     change: Errors,
 }
 
-impl Search {
-    pub(super) fn new(data: &Data, withhold: &[Effect], cut: bool) -> Self {
+impl<'a> Search<'a> {
+    pub(super) fn new(data: &Data, withhold: &[Effect], cut: bool, spreads: &'a Spreads) -> Self {
         let base = Point::default();
         let nuisances = nuisances(data, cut);
         let errors = data.errors(&[base]).remove(0);
-        let noise = Noise::new(data, &errors, &[]);
+        let noise = Noise::new(data, &errors, &[], MODEL_ERROR);
         let hypotheses = library(data, &base, withhold, cut);
         let mut kinds: Vec<Kind> = Vec::new();
         for h in &hypotheses {
@@ -92,6 +106,7 @@ impl Search {
             noise,
             log_prior: libm::log(EXPECTED / kinds.len().max(1) as f64),
             base,
+            spreads,
         }
     }
 
@@ -124,12 +139,6 @@ impl Search {
             fit,
             evidence,
         }
-    }
-
-    /// Evidence of a set under the present noise.
-    fn weigh(&self, set: &mut Set) {
-        set.fit.weigh(&self.noise);
-        set.evidence = set.fit.evidence + self.log_prior * set.members.len() as f64;
     }
 
     /// Whether a hypothesis may stand beside the members.
@@ -213,23 +222,111 @@ impl Search {
         all
     }
 
+    /// What healthy joints differ by along a column.
+    fn learned(&self, column: &Column) -> f64 {
+        let learned = name(&SITE, column).and_then(|n| self.spreads.columns.get(&n));
+        learned.copied().unwrap_or(0.0)
+    }
+
+    /// What healthy joints differ by along the members of a set.
+    fn differs(&self, data: &Data, set: &Set) -> Vec<Direction> {
+        let here = set.fit.point();
+        let neutral = Point::default();
+        let members = set.members.iter().map(|m| &self.hypotheses[*m]);
+        let mut points = Vec::new();
+        let mut healthy = Vec::new();
+        for member in members {
+            let at: Vec<f64> = member
+                .coordinates
+                .iter()
+                .map(|c| here.get(c.axis))
+                .collect();
+            let (column, unit) = member.column(&at);
+            healthy.push(unit * self.learned(&column));
+            let mut without = here;
+            member.axes().for_each(|a| without.set(a, neutral.get(a)));
+            points.push(without);
+        }
+        let all = data.errors(&points).into_iter().zip(healthy);
+        all.map(|(mut errors, healthy)| {
+            add(&mut errors, &set.fit.errors, -1.0);
+            Direction {
+                errors,
+                prior: [0.0, BETWEEN],
+                healthy,
+            }
+        })
+        .collect()
+    }
+
     /// The noise of what all that was scanned leaves around a set.
     fn listen(&mut self, data: &Data, set: &Set, scanned: &[Scanned]) {
         let mut directions: Vec<Direction> = scanned
             .iter()
-            .map(|s| Direction {
-                errors: s.change.clone(),
-                prior: [1.0, BETWEEN],
+            .map(|s| {
+                let (column, unit) = self.hypotheses[s.hypothesis].column(&s.start);
+                Direction {
+                    errors: s.change.clone(),
+                    prior: [1.0, BETWEEN],
+                    healthy: unit * self.learned(&column),
+                }
             })
             .collect();
         for (slope, c) in set.fit.slopes.iter().zip(&set.fit.model.coordinates) {
             directions.push(Direction {
                 errors: slope.clone(),
                 prior: [0.0, c.sd],
+                healthy: 0.0,
             });
         }
-        let all: Vec<&Direction> = directions.iter().collect();
-        self.noise = Noise::new(data, &set.fit.errors, &all);
+        directions.extend(self.differs(data, set));
+        let error = self.spreads.model_error.get(&kind(&SITE)).copied();
+        let error = error.unwrap_or(MODEL_ERROR);
+        self.noise = Noise::new(data, &set.fit.errors, &directions, error);
+    }
+
+    /// A joint without a cause as a block: what all that was scanned changes, and what its own numbers do.
+    pub(super) fn block(&self, data: &Data, set: &Set) -> White {
+        let scanned = self.scan(data, set);
+        let mut columns = Vec::new();
+        let mut x: Vec<Errors> = Vec::new();
+        let mut y = set.fit.errors.clone();
+        for (slope, (c, at)) in set
+            .fit
+            .slopes
+            .iter()
+            .zip(set.fit.model.coordinates.iter().zip(&set.fit.x))
+        {
+            columns.push(Column::nuisance(c.sd));
+            add(&mut y, slope, c.mean - at);
+            x.push(slope.clone());
+        }
+        for s in scanned {
+            let (column, unit) = self.hypotheses[s.hypothesis].column(&s.start);
+            columns.push(column);
+            let mut change = Errors::new();
+            s.change
+                .iter()
+                .for_each(|e| change.push(e.iter().map(|e| unit * e).collect()));
+            x.push(change);
+        }
+        let [y, x] = [vec![y], x].map(|all| {
+            let white = all.iter().map(|e| self.noise.white(e));
+            white.collect::<Vec<Errors>>()
+        });
+        let weights = self.noise.weights(&self.noise.white(&set.fit.errors));
+        let segments: Vec<Segment> = weights
+            .into_iter()
+            .enumerate()
+            .map(|(s, weight)| Segment {
+                y: y[0][s].clone(),
+                x: x.iter()
+                    .map(|x| x[s].iter().map(|x| -x).collect())
+                    .collect(),
+                weight,
+            })
+            .collect();
+        White::whitened(SITE, columns, &segments, [1.0, 1.0])
     }
 
     /// Sets with one cause more, best first.
@@ -249,18 +346,82 @@ impl Search {
         out
     }
 
-    /// Searches; a cause must add `least`.
-    pub(super) fn run(&mut self, data: &Data, least: f64) -> Found {
-        let least = least.min(1e9);
+    /// What each kind of cause that a search would fit adds to a set without any, under the noise that it leaves.
+    pub(super) fn alone(&mut self, data: &Data, bare: &Set) -> Vec<(Kind, f64)> {
+        let scanned = self.scan(data, bare);
+        let mut out: Vec<(Kind, f64)> = Vec::new();
+        for set in self.grown(data, bare, &scanned) {
+            let old = self.noise.clone();
+            let [with, without] = self.larger(data, bare, &set);
+            self.noise = old;
+            let own = set.members.last().map(|h| self.hypotheses[*h].kind);
+            let adds = with.evidence - without.evidence;
+            match own.and_then(|own| out.iter_mut().find(|o| o.0 == own)) {
+                Some(before) => before.1 = before.1.max(adds),
+                None => out.extend(own.map(|own| (own, adds))),
+            }
+        }
+        out
+    }
+
+    /// A set with one cause more, and the set without it, under the noise that the larger one leaves; each from where
+    /// either was.
+    fn larger(&mut self, data: &Data, set: &Set, with: &Set) -> [Set; 2] {
+        let scanned = self.scan(data, with);
+        self.listen(data, with, &scanned);
+        let more = self.fitted(data, with.members.clone(), &with.fit.point(), STAYS);
+        let less = self.fitted(data, set.members.clone(), &set.fit.point(), STAYS);
+        let less = self.better(data, less, &more.fit.point());
+        let added = with.members.last().map(|h| &self.hypotheses[*h]);
+        let neutral = added.map_or(Vec::new(), Hypothesis::neutral);
+        let start = added.map_or(less.fit.point(), |h| h.on(&less.fit.point(), &neutral));
+        let more = self.better(data, more, &start);
+        [more, less]
+    }
+
+    /// A set as it is or as fitted from another point, whichever is likelier.
+    fn better(&self, data: &Data, set: Set, start: &Point) -> Set {
+        let other = self.fitted(data, set.members.clone(), start, STAYS);
+        if other.evidence > set.evidence {
+            other
+        } else {
+            set
+        }
+    }
+
+    /// Evidence of a set less what is asked of its members.
+    fn above(&self, set: &Set, ask: Ask<'_>) -> f64 {
+        let asked = set.members.iter().map(|m| ask(self.hypotheses[*m].kind));
+        set.evidence - asked.sum::<f64>()
+    }
+
+    /// The fit without a cause, under the noise that all hypotheses together leave; from where the best of them lead
+    /// too, so that it stands in no hollow that any of them would leave.
+    pub(super) fn bare(&mut self, data: &Data) -> Set {
         let mut best = self.fitted(data, Vec::new(), &self.base.clone(), STAYS);
         let all = self.scan_all(data, &best);
         self.thin(&all);
-        let scanned = self.scan(data, &best);
-        self.listen(data, &best, &scanned);
-        best = self.fitted(data, Vec::new(), &best.fit.point(), STAYS);
+        for _ in 0..ROUNDS {
+            let scanned = self.scan(data, &best);
+            self.listen(data, &best, &scanned);
+            best = self.fitted(data, Vec::new(), &best.fit.point(), STAYS);
+            let before = best.evidence;
+            for other in self.grown(data, &best, &scanned) {
+                best = self.better(data, best, &other.fit.point());
+            }
+            if best.evidence < before + 1.0 {
+                break;
+            }
+        }
+        best
+    }
+
+    /// Searches; a cause of a kind must add what `ask` says.
+    pub(super) fn run(&mut self, data: &Data, ask: Ask<'_>) -> Found {
+        let mut best = self.bare(data);
         let before = best.fit.errors.clone();
         let mut beam = vec![best.clone()];
-        let mut next = f64::NEG_INFINITY;
+        let mut next: Option<(Kind, f64)> = None;
         for _ in 0..MOST {
             let mut all: Vec<Set> = Vec::new();
             for set in &beam {
@@ -268,34 +429,41 @@ impl Search {
                 all.extend(self.grown(data, set, &scanned));
             }
             all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-            let Some(first) = all.first().cloned() else {
-                break;
-            };
-            // Under the noise that the larger set leaves.
-            let old = self.noise.clone();
-            let scanned = self.scan(data, &first);
-            self.listen(data, &first, &scanned);
-            let first = self.fitted(data, first.members.clone(), &first.fit.point(), STAYS);
-            best = self.fitted(data, best.members.clone(), &best.fit.point(), STAYS);
-            next = first.evidence - best.evidence;
-            if next <= least {
+            next = None;
+            let mut taken = None;
+            for set in all.iter().take(TRIED) {
+                let old = self.noise.clone();
+                let [with, without] = self.larger(data, &best, set);
+                if self.above(&with, ask) > self.above(&without, ask) {
+                    taken = Some(with);
+                    break;
+                }
                 self.noise = old;
-                self.weigh(&mut best);
-                break;
+                let own = set.members.last().map(|h| self.hypotheses[*h].kind);
+                let adds = with.evidence - without.evidence;
+                let share = |(kind, adds): (Kind, f64)| adds / ask(kind);
+                if let Some(own) = own
+                    && next.is_none_or(|n| share((own, adds)) > share(n))
+                {
+                    next = Some((own, adds));
+                }
             }
-            best = first;
+            let Some(taken) = taken else { break };
+            all.retain(|s| s.members != taken.members);
+            all.insert(0, taken.clone());
             all.truncate(BEAM);
-            all[0] = best.clone();
+            best = taken;
             beam = all;
         }
         Found {
             before,
-            ..self.exchanged(data, best, least, next)
+            next,
+            ..self.exchanged(data, best, ask)
         }
     }
 
     /// Every member against all others in its place.
-    fn exchanged(&mut self, data: &Data, best: Set, least: f64, next: f64) -> Found {
+    fn exchanged(&mut self, data: &Data, best: Set, ask: Ask<'_>) -> Found {
         let mut best = best;
         let mut gains = Vec::new();
         let mut rivals = Vec::new();
@@ -308,10 +476,12 @@ impl Search {
             let bare_gain = best.evidence - bare.evidence;
             let scanned = self.scan(data, &bare);
             let others = self.grown(data, &bare, &scanned);
-            let better = others.first().filter(|s| s.evidence > best.evidence + 0.5);
+            let bar = self.above(&bare, ask);
+            let mut better = others.iter().filter(|s| self.above(s, ask) > bar);
+            let better = better.find(|s| s.evidence > best.evidence + 0.5);
             rounds += 1;
             if rounds < 8 {
-                if bare_gain <= least {
+                if bare_gain <= ask(self.hypotheses[own].kind) {
                     best = bare;
                     (at, gains, rivals) = (0, Vec::new(), Vec::new());
                     continue;
@@ -343,16 +513,23 @@ impl Search {
             before: Errors::new(),
             gains,
             rivals,
-            next,
+            next: None,
         }
+    }
+}
+
+fn add(to: &mut Errors, direction: &Errors, by: f64) {
+    for (to, d) in to.iter_mut().zip(direction) {
+        to.iter_mut().zip(d).for_each(|(to, d)| *to += by * d);
     }
 }
 
 /// What a change of the errors gains around a fit, whose own coordinates give way.
 struct Around<'a> {
     noise: &'a Noise,
-    white: Errors,
-    slopes: Vec<Errors>,
+    errors: Seen,
+    weights: Errors,
+    slopes: Vec<Seen>,
     factor: Vec<f64>,
     /// Products of slopes and errors, solved; and what the priors pull.
     solved: Vec<f64>,
@@ -361,26 +538,30 @@ struct Around<'a> {
 impl<'a> Around<'a> {
     fn new(noise: &'a Noise, fit: &Fit) -> Self {
         let white = noise.white(&fit.errors);
-        let slopes: Vec<Errors> = fit.slopes.iter().map(|s| noise.white(s)).collect();
+        let (_, weights) = noise.left(&white);
+        let errors = noise.seen(white, &weights);
+        let all = fit.slopes.iter().map(|s| noise.white(s));
+        let slopes: Vec<Seen> = all.map(|s| noise.seen(s, &weights)).collect();
         let n = slopes.len();
         let mut a = vec![0.0; n * n];
         let mut solved = vec![0.0; n];
         for i in 0..n {
             for j in 0..=i {
-                let p = noise.product(&slopes[i], &slopes[j], &white);
+                let p = noise.product(&slopes[i], &slopes[j], &weights);
                 a[i * n + j] = p;
                 a[j * n + i] = p;
             }
             let c = &fit.model.coordinates[i];
             let stiff = 1.0 / (c.sd * c.sd);
             a[i * n + i] += stiff;
-            solved[i] = noise.product(&slopes[i], &white, &white) + stiff * (fit.x[i] - c.mean);
+            solved[i] = noise.product(&slopes[i], &errors, &weights) + stiff * (fit.x[i] - c.mean);
         }
         let factor = cholesky(&a, n);
         forward(&factor, n, &mut solved);
         Self {
             noise,
-            white,
+            errors,
+            weights,
             slopes,
             factor,
             solved,
@@ -389,18 +570,14 @@ impl<'a> Around<'a> {
 
     /// Half the squares that `share * change` gains, the share being about one.
     fn gain(&self, change: &Errors) -> f64 {
-        let d = self.noise.white(change);
+        let d = self.noise.seen(self.noise.white(change), &self.weights);
+        let product = |a: &Seen, b: &Seen| self.noise.product(a, b, &self.weights);
         let n = self.solved.len();
-        let mut along: Vec<f64> = self
-            .slopes
-            .iter()
-            .map(|s| self.noise.product(s, &d, &self.white))
-            .collect();
+        let mut along: Vec<f64> = self.slopes.iter().map(|s| product(s, &d)).collect();
         forward(&self.factor, n, &mut along);
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let stiff = 1.0 / (BETWEEN * BETWEEN);
-        let square = self.noise.product(&d, &d, &self.white) - dot(&along, &along) + stiff;
-        let moment = self.noise.product(&d, &self.white, &self.white) - dot(&along, &self.solved);
+        let square = product(&d, &d) - dot(&along, &along) + stiff;
+        let moment = product(&d, &self.errors) - dot(&along, &self.solved);
         // The share's prior: one, give or take BETWEEN.
         let toward = stiff - moment;
         0.5 * (toward * toward / square - stiff)

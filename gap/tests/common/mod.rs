@@ -27,6 +27,11 @@ fn wave(gait: usize, t: f64) -> f64 {
 
 /// A data set of six gaits, two recordings each, with `planted` in the joint and seeded noise on what is measured.
 pub(crate) fn data(planted: &Params, seed: u64) -> (Manifest, Vec<Recording>) {
+    data_of(|_| *planted, seed)
+}
+
+/// The same with what is planted by run.
+pub(crate) fn data_of(planted: impl Fn(usize) -> Params, seed: u64) -> (Manifest, Vec<Recording>) {
     let mut text = String::from(BENCH);
     for g in 0..6 {
         for r in 0..2 {
@@ -49,9 +54,9 @@ pub(crate) fn data(planted: &Params, seed: u64) -> (Manifest, Vec<Recording>) {
         recordings.push(shell);
     }
     let problem = Problem::new(&manifest, &recordings, 0).expect("position is there");
-    for (rec, run) in recordings.iter_mut().zip(&problem.runs) {
+    for (k, (rec, run)) in recordings.iter_mut().zip(&problem.runs).enumerate() {
         let mut trace = Trace::new();
-        simulate(run, planted, problem.dt_s, &mut trace);
+        simulate(run, &planted(k), problem.dt_s, &mut trace);
         fill(rec, &trace, &mut rng);
     }
     (manifest, recordings)

@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 use files::dataset::Robot;
 use files::model::Model;
 use gap::bench;
-use gap::decide::{Calibration, CalibrationError};
+use gap::decide::Calibration;
 use gap::evidence::block::White;
+use gap::evidence::ensemble::Spreads;
 use gap::evidence::kept;
 use gap::vocabulary::{Effect, Stage};
 use gap::whole::{
@@ -184,7 +185,7 @@ impl Answer {
                 let mut out = text(&f.sentence, &f.causes);
                 let _ = writeln!(
                     out,
-                    "\nA cause is named from an evidence of {:.1}, which {} joints without a cause do not reach.",
+                    "\nA cause is named from an evidence of {:.1} on, each effect from its own: {} joints without a cause say so.",
                     f.least_evidence, f.null_joints
                 );
                 out
@@ -282,8 +283,8 @@ fn file_of(folder: &Path, input: &input::Input, model: &Model) -> PathBuf {
 /// What a calibration is made of: joints or robots without a cause.
 #[derive(Default)]
 struct Healthy {
-    /// Evidence of the strongest cause of a joint, and what the best set leaves.
-    joints: Vec<[f64; 2]>,
+    /// Data sets of joints, and each as a block.
+    joints: Vec<(PathBuf, Vec<White>)>,
     /// Blocks of a robot.
     robots: Vec<Vec<White>>,
 }
@@ -294,10 +295,9 @@ impl Healthy {
         let input = input::read(set, context)?;
         let (manifest, recordings) = (&input.manifest, &input.recordings);
         if manifest.robot == Robot::Bench {
-            let [evidence, left] = bench::strongest(manifest, recordings).map_err(bad)?;
-            let text = format!("{}: {evidence:.2}, left {left:.3}", set.display());
-            context.out.detail(text);
-            self.joints.push([evidence, left]);
+            let block = bench::null_block(manifest, recordings).map_err(bad)?;
+            context.out.detail(set.display().to_string());
+            self.joints.push((set.into(), vec![block]));
             return Ok(manifest.robot);
         }
         let robot = Whole::read(set, &input)?;
@@ -318,13 +318,37 @@ impl Healthy {
         Ok(manifest.robot)
     }
 
-    fn calibration(&self, command: &str, source: &str) -> Result<Calibration, CalibrationError> {
+    fn calibration(&self, command: &str, source: &str, context: &Context) -> Outcome<Calibration> {
         if !self.robots.is_empty() {
-            return calibrated(&self.robots, command, source);
+            return calibrated(&self.robots, command, source).map_err(bad);
         }
-        let evidence = self.joints.iter().map(|j| j[0]).collect();
-        let left = self.joints.iter().map(|j| j[1]).collect();
-        Ok(Calibration::new(evidence, command, source)?.with_remainders(left))
+        let blocks: Vec<Vec<White>> = self.joints.iter().map(|j| j.1.clone()).collect();
+        let spreads = Spreads::learned(&blocks);
+        let bar = context
+            .out
+            .progress(self.joints.len() as u64, "joints weighed");
+        let (mut evidence, mut left) = (Vec::new(), Vec::new());
+        for (set, _) in &self.joints {
+            if interrupt::pressed() {
+                return Err(stopped());
+            }
+            let input = input::read(set, context)?;
+            let (manifest, recordings) = (&input.manifest, &input.recordings);
+            let (own, remains) = bench::strongest(manifest, recordings, &spreads).map_err(bad)?;
+            let most = own.iter().max_by(|a, b| a.1.total_cmp(b.1));
+            let most = most.map_or(String::new(), |(shown, x)| format!("{x:.2} of {shown}, "));
+            let text = format!("{}: {most}left {remains:.3}", set.display());
+            context.out.detail(text);
+            evidence.push(own);
+            left.push(remains);
+            bar.inc(1);
+        }
+        bar.finish_and_clear();
+        let mut out = Calibration::by_effect(&evidence, command, source)
+            .map_err(bad)?
+            .with_remainders(left);
+        out.spreads = spreads;
+        Ok(out)
     }
 }
 
@@ -346,6 +370,10 @@ fn laws(path: &Path) -> Outcome<BTreeMap<String, f64>> {
     Ok(all)
 }
 
+fn stopped() -> Failure {
+    Failure::say(Exit::Interrupted, "stopped; no calibration was written")
+}
+
 /// Writes the null distribution of folders of robots or of joints without a cause.
 pub(super) fn calibrate(args: &CalibrateArgs, context: &Context) -> Outcome {
     disk::must_be_free(&args.output, args.force)?;
@@ -365,10 +393,9 @@ pub(super) fn calibrate(args: &CalibrateArgs, context: &Context) -> Outcome {
     let (mut healthy, mut kinds) = (Healthy::default(), Vec::new());
     for set in &all {
         if interrupt::pressed() {
-            let stopped = Failure::say(Exit::Interrupted, "stopped; no calibration was written");
             return Err(match &args.keep {
-                Some(_) => stopped.hint("the same command goes on where this one ended"),
-                None => stopped.hint("with `--keep DIR` it would go on where it ended"),
+                Some(_) => stopped().hint("the same command goes on where this one ended"),
+                None => stopped().hint("with `--keep DIR` robots would go on where they ended"),
             });
         }
         let robot = healthy.add(set, args.keep.as_deref(), context)?;
@@ -387,7 +414,7 @@ pub(super) fn calibrate(args: &CalibrateArgs, context: &Context) -> Outcome {
         "rb-host gap calibrate --nulls {}",
         folders.join(" --nulls ")
     );
-    let mut made = healthy.calibration(&command, &args.source).map_err(bad)?;
+    let mut made = healthy.calibration(&command, &args.source, context)?;
     made.laws = laws;
     let text = made
         .to_json()
