@@ -394,3 +394,18 @@ fn links_between_the_documents_lead_somewhere() {
         }
     }
 }
+
+#[test]
+fn pages_that_sources_name_exist() {
+    let sources = |(file, _): &(String, String)| file.ends_with(".rs") || file.ends_with(".py");
+    for (file, text) in tracked_texts().into_iter().filter(sources) {
+        let words = text.split(|c: char| !(c.is_ascii_alphanumeric() || "/._-".contains(c)));
+        let pages = words.filter(|w| w.starts_with("docs/") && w.ends_with(".md"));
+        for page in pages {
+            assert!(
+                root().join(page).exists(),
+                "{file} names {page}, which does not exist"
+            );
+        }
+    }
+}

@@ -80,7 +80,7 @@ const SAMPLES: usize = 4;
 const FIT_S: f64 = 150.0;
 /// Error of a compared pose beyond that of its start and of the time step: m, share of the way, rad. With the inertial sensor: residues
 /// of the pose and of contacts; emulated robots without a cause leave a cost of 1.4 to 2 with these. Without: two honest engines
-/// (docs/physics.md: 2 mm after 1 s at the median).
+/// (2 mm after 1 s at the median; `docs/validation/README.md` has the table of engines).
 const FLOOR: [f64; 3] = [0.6e-3, 0.01, 2.5e-3];
 const FLOOR_BLIND: [f64; 3] = [1.0e-3, 0.03, 6.0e-3];
 /// Grounds on which windows are measured, 1 / stiffness of a contact point, m/N: hard, then from firm foam to soft.

@@ -23,16 +23,17 @@ use crate::vocabulary::Effect;
 const INSTANT_S: f64 = 2.5;
 /// Samples per second of a play.
 const RATE_HZ: f64 = 20.0;
-/// What repeats differ by: ground friction, relative, and every joint's home, rad (docs/diagnosis-data.md).
+/// What repeats differ by: ground friction, relative, and every joint's home, rad. Chosen; robots of `trials` differ by as much.
 const FRICTION_SPREAD: f64 = 0.02;
 const HOME_RAD: f64 = 1e-3;
-/// Least relative error of an effect of the body: they come out up to 15 % off (docs/diagnosis-whole.md), taken as two standard deviations.
+/// Least relative error of an effect of the body: they came out up to 15 % off on emulated robots, taken as two standard deviations.
 const VALUE_SHARE: f64 = 0.07;
-/// Error of a tracked place, m, and of any simulated one as a share of its way: what two honest engines differ by (docs/physics.md).
+/// Error of a tracked place, m, and of any simulated one as a share of its way: what two honest engines differ by
+/// (`docs/validation/README.md`).
 const PLACE_M: f64 = 2e-3;
 const WAY_SHARE: f64 = 0.03;
-/// Relative error of a simulated torque: loads replayed for robots without a cause are off by up to 15 % (docs/diagnosis-whole.md), taken
-/// as two standard deviations.
+/// Relative error of a simulated torque: loads replayed for emulated robots without a cause are off by up to 15 %, taken as two
+/// standard deviations.
 const TORQUE_SHARE: f64 = 0.07;
 /// Draws of the tolerances on the whole menu, of the gaits that come out best there, and fresh ones of the best: what is promised must not
 /// come from the draws that it was chosen by.
