@@ -2,8 +2,9 @@
 //!
 //! The joint is played from the set-points that reached its driver, through controller, motor, gear and load
 //! ([`crate::joint`]); measured positions correct it, so that rows are predicted over a short horizon. Every measured
-//! signal gives prediction errors ([`data`]), which a model of their own correlation whitens ([`noise`]). A cause is a few parameters with priors ([`library`]); a set of causes is fitted with all
-//! stated numbers free within their tolerances, and weighed by Laplace's evidence ([`fit`], [`search`]).
+//! signal gives prediction errors ([`data`]), which a model of their own correlation whitens ([`noise`]). A cause is a
+//! few parameters with priors ([`library`]); a set of causes is fitted with all stated numbers free within their
+//! tolerances, and weighed by Laplace's evidence ([`fit`], [`search`]).
 //! Set-points on their way to the driver are weighed where the driver echoes them ([`transport`]).
 
 mod data;

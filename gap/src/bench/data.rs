@@ -11,8 +11,8 @@ use crate::joint::{Channel, Params, Problem, RunData, simulate_all};
 /// Rate to which errors are averaged, Hz: what a joint's loop of 40 rad/s does is below a tenth of it.
 const RATE_HZ: f64 = 100.0;
 
-/// Horizon over which positions are predicted, s: some rows, and half of what a joint's loop of 10 rad/s takes. A joint
-/// that swings by itself is out of step with its play from set-points alone.
+/// Horizon over which positions are predicted, s: some rows, and half of what a joint's loop of 10 rad/s takes: by hand.
+/// A joint that swings by itself is out of step with its play from set-points alone.
 const HORIZON_S: f64 = 0.05;
 
 /// Errors by series: channel after channel, each run after run.

@@ -3,19 +3,17 @@
 use super::data::{Data, Errors};
 use crate::evidence::block::{Column, Segment};
 use crate::evidence::linear::{backward, cholesky, dot, forward};
-use crate::evidence::noise::Whitening;
+use crate::evidence::noise::{HUBER, Whitening};
 
 /// Order of the autoregression that whitens: 60 ms at 100 Hz.
 const ORDER: usize = 6;
-/// Whitened errors beyond this count linearly (Huber 1981), as in [`crate::evidence::noise`].
-const HUBER: f64 = 3.0;
 
 /// The noise of every channel, how much each row of it counts, and directions in which healthy joints differ.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Noise {
     filters: Vec<Whitening>,
     /// Share by which all rows count: `1 / (1 + rows error^2)`, for the model error.
-    pub(super) count: f64,
+    count: f64,
     weights: Errors,
     /// Channel number of every series.
     channel: Vec<usize>,

@@ -31,8 +31,8 @@ const STAYS: usize = 12;
 const BETWEEN: f64 = 0.5;
 /// Expected number of causes of a joint, as for robots.
 const EXPECTED: f64 = 2.0;
-/// Model error in any one direction as a share of the noise, where no healthy joints say it.
-const MODEL_ERROR: f64 = 0.1;
+/// Model error in any one direction as a share of the noise, where no healthy joints say it: by hand.
+pub(super) const MODEL_ERROR: f64 = 0.1;
 
 /// What a kind of cause must add.
 pub(super) type Ask<'a> = &'a dyn Fn(Kind) -> f64;

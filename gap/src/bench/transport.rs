@@ -3,6 +3,7 @@
 use files::dataset::{Manifest, Recording, Signal};
 
 use super::rows::Read;
+use super::search::MODEL_ERROR;
 use crate::joint::arrival::Regularity;
 use crate::joint::{Problem, RunData};
 use crate::names::jitter_s;
@@ -60,8 +61,6 @@ fn echo(r: &Recording) -> Option<Vec<f64>> {
 const ROWS: f64 = 1.5;
 /// Share of set-points of which one is lost by chance: a damaged frame in a hundred.
 const CHANCE: f64 = 0.01;
-/// Share of model error, as in the fit.
-const MODEL_ERROR: f64 = 0.1;
 
 /// Set-points that come unevenly, or not at all.
 fn irregular(problem: &Problem) -> Option<Read> {

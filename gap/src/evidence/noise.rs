@@ -7,7 +7,7 @@ use super::linear::solve;
 const PASSES: usize = 3;
 /// Whitened errors beyond this many standard deviations count linearly (Huber 1981, 95 % efficiency at 1.345;
 /// wider, because rare blows are a part of the motion).
-const HUBER: f64 = 3.0;
+pub(crate) const HUBER: f64 = 3.0;
 /// Least noise that the passes start from, as a share of the errors: where no floor is known.
 const LEAST: f64 = 1e-3;
 
