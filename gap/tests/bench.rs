@@ -108,7 +108,7 @@ fn what_healthy_joints_differ_by_is_no_cause() {
 }
 
 #[test]
-fn a_joint_that_swings_out_of_step_with_its_repeats_has_lost_no_set_point() {
+fn a_late_encoder_is_named_where_repeats_swing_out_of_step() {
     // The loop sees its encoder 12 ms late and swings; every run has a little more inertia than the one before.
     let late = Params::default().with(P::FeedbackDelay, 0.012);
     let (manifest, recordings) =
