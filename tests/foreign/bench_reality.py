@@ -133,9 +133,12 @@ def model_xml(j, h):
             link = f'limited="true" range="{-j.play} {j.play}" solreflimit="0.002 1" solimplimit="0.99 0.9999 0.0002" damping="{0.02 * math.sqrt(load * j.stall)}"'
         else:
             link = f'stiffness="{j.stiffness}" damping="{0.1 * math.sqrt(load * j.stiffness)}"'
+        # The load turns with its body: an armature would count its speed against the rotor's.
+        own = max(rest, 1e-9)
+        inertial = f'<inertial pos="0 0 {-arm}" mass="{mass}" diaginertia="{own} {own} {own}"/>'
         body = (
             f'{first} armature="{share * j.inertia}"/><inertial pos="0 0 0" mass="1e-6" diaginertia="1e-9 1e-9 1e-9"/>'
-            f'<body><joint name="l" type="{kind}" axis="{axis}" {link} armature="{max(rest, 0.0)}"/>{inertial}</body>'
+            f'<body><joint name="l" type="{kind}" axis="{axis}" {link}/>{inertial}</body>'
         )
     return (
         f'<mujoco><compiler angle="radian"/><option timestep="{h}" integrator="implicitfast" gravity="0 0 {-GRAVITY_M_S2}"/>'
