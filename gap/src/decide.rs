@@ -277,6 +277,7 @@ impl Calibration {
             spreads: read.spreads,
             tails: read.tails,
             lefts: read.lefts,
+            laws: read.laws,
             ..own
         };
         Ok(own.with_remainders(read.remainders))
@@ -421,6 +422,28 @@ mod tests {
             let again = Calibration::parse(&shipped.to_json().expect("text")).expect("read");
             assert_eq!(again, shipped);
         }
+    }
+
+    #[test]
+    fn a_file_holds_all_that_was_calibrated() {
+        let mut whole = of(49);
+        let one = BTreeMap::from([(Shown::new(Some(Effect::Mass), "body"), 1.0)]);
+        whole = Calibration {
+            tails: Calibration::by_effect(&vec![one; 49], "test", "numbers")
+                .expect("enough")
+                .tails,
+            ..whole
+        };
+        let left = vec![("body".to_owned(), 1.0)];
+        whole = whole.with_lefts(&vec![left; 49]);
+        whole
+            .spreads
+            .columns
+            .insert("driver.latency..0".into(), 0.5);
+        whole.laws.insert("driver".into(), 0.1);
+        let again = Calibration::parse(&whole.to_json().expect("text")).expect("read");
+        assert_eq!(again, whole);
+        assert!((again.law(Stage::Driver) - 0.1).abs() < f64::EPSILON);
     }
 
     #[test]
