@@ -421,11 +421,6 @@ fn friction(list: &mut List, s: &Scales) {
         vec![positive(P::Static, t), speed],
         starts,
     );
-    // How much of the inertia sits behind the gear is stated nowhere: about half, give or take.
-    let behind = Free {
-        tolerance: Some(0.3),
-        ..linear(P::Behind, 1.0, 0.0, 1.0)
-    };
     // Nor is it whether the motor's effort or the load presses the teeth.
     let of = Free {
         tolerance: Some(1.0),
@@ -436,7 +431,7 @@ fn friction(list: &mut List, s: &Scales) {
         .iter()
         .flat_map(|x| [0.0, 1.0].map(|w| vec![*x, 0.5, w]));
     let starts = starts.collect();
-    let free = vec![linear(P::LoadShare, 0.1, 0.0, 2.0), behind, of];
+    let free = vec![linear(P::LoadShare, 0.1, 0.0, 2.0), behind(), of];
     list.add(Effect::LoadDependentFriction, "", free, starts);
     let both = |p, scale: f64| linear(p, 0.1 * scale, -1e3 * scale, 1e3 * scale);
     let free = vec![
@@ -510,21 +505,26 @@ fn mechanics(list: &mut List, problem: &Problem, s: &Scales, n: &crate::joint::N
 }
 
 fn transmission(list: &mut List, problem: &Problem, s: &Scales, n: &crate::joint::Nominal) {
-    let widths = [0.1, 0.25, 0.5, 1.0, 2.0];
-    if measured(problem, Channel::Link) {
-        list.one(
-            Effect::Backlash,
-            "link",
-            linear(P::Play, 0.01, 0.0, 1.0),
-            &[0.002, 0.006, 0.02, 0.06],
-            1.0,
-        );
-        if n.gravity != 0.0 {
-            let per = 1.0 / n.gravity.abs();
-            let free = linear(P::Flexibility, 0.01 * per, 0.0, per);
-            list.one(Effect::Compliance, "", free, &[0.003, 0.01, 0.03, 0.1], per);
-        }
+    let link = measured(problem, Channel::Link);
+    let effort = if link && n.gravity != 0.0 {
+        n.gravity.abs()
     } else {
+        s.effort
+    };
+    // Impacts and swings are no straight line in a size: neighbours stand a factor of 1.7 apart.
+    let of_gear = |free: Free, unit: f64| {
+        let sizes = [0.002, 0.0034, 0.0058, 0.0098, 0.0167, 0.0284, 0.0482, 0.082];
+        let starts = sizes.map(|x| [0.2, 0.5].map(|behind| vec![x * unit, behind]));
+        (vec![free, behind()], starts.concat())
+    };
+    let play = linear(P::Play, 0.01, 0.0, 1.0);
+    let (free, starts) = of_gear(play, 1.0);
+    list.add(Effect::Backlash, "link", free, starts);
+    let give = linear(P::Flexibility, 0.01 / effort, 0.0, 1.0 / effort);
+    let (free, starts) = of_gear(give, 1.0 / effort);
+    list.add(Effect::Compliance, "", free, starts);
+    if !link {
+        let widths = [0.1, 0.25, 0.5, 1.0, 2.0];
         list.one(
             Effect::Backlash,
             "output",
@@ -532,5 +532,13 @@ fn transmission(list: &mut List, problem: &Problem, s: &Scales, n: &crate::joint
             &widths,
             s.error,
         );
+    }
+}
+
+/// How much of the inertia sits behind the gear is stated nowhere: about half, give or take.
+fn behind() -> Free {
+    Free {
+        tolerance: Some(0.3),
+        ..linear(P::Behind, 1.0, 0.0, 1.0)
     }
 }

@@ -127,6 +127,72 @@ fn a_proportional_servo_settles_at_the_balance_of_torque() {
     );
 }
 
+/// Angles of the rotor and of its load under a constant effort of 1 N m, from rest.
+fn pushed(planted: &Params) -> Vec<[f64; 2]> {
+    let text = rows(1200, 0.001, 0.0, 1, |_| 1.0).replace("_rad,enable", "_nm,enable");
+    let p = run("command = \"effort\"\ninertia_kg_m2 = 0.02\n", &text);
+    let mut trace = Trace::new();
+    simulate(&p.runs[0], planted, p.dt_s, &mut trace);
+    trace.iter().map(|y| [y[0], y[4]]).collect()
+}
+
+#[test]
+fn a_load_swings_against_the_rotor_as_two_masses_on_a_spring_do() {
+    let (stiffness, behind) = (20.0, 0.25);
+    let planted = Params::default()
+        .with(P::Flexibility, 1.0 / stiffness)
+        .with(P::Behind, behind);
+    let all = pushed(&planted);
+    // Half of the push per total inertia, whatever swings.
+    let mean = (1.0 - behind) * all[1199][0] + behind * all[1199][1];
+    assert!(
+        (mean / (0.5 * 1.199 * 1.199 / 0.02) - 1.0).abs() < 2e-3,
+        "{mean}"
+    );
+    // The spring pulls the load along: push times its share.
+    let twist: Vec<f64> = all.iter().map(|y| y[0] - y[1]).collect();
+    let rest = behind / stiffness;
+    assert!(
+        (twist[1199] - rest).abs() < 0.05 * rest,
+        "{} {rest}",
+        twist[1199]
+    );
+    let up: Vec<usize> = (1..600)
+        .filter(|i| twist[i - 1] < rest && twist[*i] >= rest)
+        .collect();
+    let period = (up[3] - up[0]) as f64 * 1e-3 / 3.0;
+    // 2 pi sqrt(J_1 J_2 / (J k)), damped by 0.1 of the rotor's, which is 0.2 of both.
+    let free = 2.0 * std::f64::consts::PI * (0.02 * behind * (1.0 - behind) / stiffness).sqrt();
+    let want = free / (1.0_f64 - 0.04).sqrt();
+    assert!((period / want - 1.0).abs() < 0.006, "{period} {want}");
+}
+
+#[test]
+fn a_load_behind_play_hangs_at_its_edge_and_meets_the_rotor_after_it() {
+    let bench = "inertia_kg_m2 = 0.02\ngravity_nm = 0.5\n[bench.controller]\nkind = \"pid\"\nkp = 5.0\nkd = 0.4\noutput = \"effort\"\n";
+    let p = run(bench, &rows(2000, 0.005, 0.0, 1, |_| 1.0));
+    let mut trace = Trace::new();
+    let planted = Params::default().with(P::Play, 0.05);
+    simulate(&p.runs[0], &planted, p.dt_s, &mut trace);
+    let [q, link] = [trace[1999][0], trace[1999][4]];
+    assert!((q - link - 0.05).abs() < 5e-4, "{q} {link}");
+    assert!(
+        (5.0 * (1.0 - q) - 0.5 * gap::math::sin(link)).abs() < 1e-3,
+        "{q}"
+    );
+    // Half of the inertia moves alone over half of the play, and meets the load at sqrt(2 a x).
+    let all = pushed(&planted);
+    let first = all.iter().position(|y| y[1] > 1e-4).expect("meets");
+    let want = (2.0 * 0.05 * 0.01_f64).sqrt();
+    assert!(
+        (first as f64 * 1e-3 - want).abs() < 3e-3,
+        "{first} ms, {want} s"
+    );
+    // Then both go on together, but for what the first impact left.
+    let apart = all[1199][0] - all[1199][1];
+    assert!((apart - 0.05).abs() < 2e-3, "{apart}");
+}
+
 fn quick() -> Settings {
     Settings {
         options: Options {

@@ -21,7 +21,7 @@ use self::state::{Memory, State};
 use super::command::Commands;
 use super::data::{CHANNELS, RunData};
 use super::param::Params;
-use super::sim::Trace;
+use super::sim::{Channel, Trace};
 
 /// Steps whose set-points are worked out ahead at once: small enough for the fastest cache.
 const BLOCK: usize = 128;
@@ -86,7 +86,7 @@ fn walk<F: Lane>(run: &RunData, first: usize, params: &[Params], dt_s: f64, sink
         for (k, (applied, sp)) in applied.iter().zip(&followed).take(count).enumerate() {
             let step = block + k;
             while let Some(e) = run.edges.get(edge).filter(|e| e.step <= step) {
-                s.restart(e.position, e.velocity, step > 0);
+                s.restart(&m, e.position, e.velocity, step > 0);
                 memory.restart(e.position, e.velocity, dt_s);
                 observer.restart(step);
                 enabled = e.enabled;
@@ -111,8 +111,15 @@ fn walk<F: Lane>(run: &RunData, first: usize, params: &[Params], dt_s: f64, sink
                 sink.row(first, row, &last);
                 if let Some(g) = observer.gains(x) {
                     let error = (F::splat(x.measured[0]) - last[0]) / m.record_scale;
+                    let behind = x.measured[Channel::Link as usize];
+                    let behind = if behind.is_finite() {
+                        F::splat(behind) - last[Channel::Link as usize]
+                    } else {
+                        error
+                    };
                     let by = error * F::splat(g.position);
                     s.shift(by, error * F::splat(g.speed_hz));
+                    s.shift_link(&m, [error, behind], &g);
                     memory.shift(by, g.steps, dt_s);
                 }
                 row += 1;

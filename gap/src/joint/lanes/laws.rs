@@ -11,7 +11,7 @@ use physics::laws;
 /// Sine of every lane for |x| < 1e4 rad, error below 1e-10. Rounding by the floating-point adder comes first, then an odd polynomial of
 /// degree 11 with the smallest error on half a turn (Lawson's iteration on 4001 points; 1.7e-11), in an order that waits least.
 #[inline(always)]
-fn sin<F: Lane>(x: F) -> F {
+pub(super) fn sin<F: Lane>(x: F) -> F {
     // 1.5 * 2^52: adding it leaves the nearest whole number in the last bits.
     let magic = F::splat(6_755_399_441_055_744.0);
     let k = (x * F::splat(std::f64::consts::FRAC_1_PI) + magic) - magic;
@@ -127,19 +127,19 @@ pub(super) fn mechanics<F: Lane>(
     electrical: [F; 2],
     enabled: bool,
 ) {
-    let [mut a, mut b] = electrical;
-    if m.used.derate {
-        let target = F::splat(if enabled { 1.0 } else { 0.0 });
-        s.heat += (target - s.heat) * m.warming;
-        let warm = F::one() - m.derate * s.heat;
-        (a, b) = (a * warm, b * warm);
-    }
+    let [a, b] = warmed(m, s, electrical, enabled);
     let mut load = F::zero();
+    let mut k = m.k;
     if m.used.gravity {
         // Half a step ahead: the error of a step is then of third order.
         load -= m.gravity * sin(s.q + m.half * s.dq + m.mech);
     }
     let hanging = load;
+    let elastic = m.used.elastic.then(|| Gear::new(m, s));
+    if let Some(gear) = &elastic {
+        load = F::select(gear.gives, -gear.torque, load);
+        k = F::select(gear.gives, m.k_motor, k);
+    }
     if m.used.ripple {
         let x = m.ripple[2] * s.q;
         load += m.ripple[0] * sin(x) + m.ripple[1] * sin(x + F::splat(std::f64::consts::FRAC_PI_2));
@@ -153,19 +153,23 @@ pub(super) fn mechanics<F: Lane>(
     }
     // What is proportional to speed decays as over a whole step of constant effort, to third order in the step.
     let one = F::one();
-    let x = m.k * (b + viscous);
+    let x = k * (b + viscous);
     let grown = one + x * (F::splat(0.5) + x * F::splat(1.0 / 6.0));
     let inverse = one / (one + x * grown);
-    let gain = m.k * grown * inverse;
-    let free = speed * inverse + gain * (a + load);
+    let mut gain = k * grown * inverse;
+    let mut free = speed * inverse + gain * (a + load);
+    if let Some(gear) = &elastic {
+        let held = one / (one + gain * F::select(gear.gives, gear.per_speed, F::zero()));
+        (gain, free) = (gain * held, free * held);
+    }
     if m.used.stribeck {
         // The speed that this friction leaves; that of the last step tells how much there is.
         let left = free.abs() - gain * (dry + stribeck(m, speed));
         dry += stribeck(m, left.max(F::zero()));
     }
     if m.used.load {
-        // What the gear transmits: the hanging load, and the inertia behind the gear as it was accelerated last.
-        let moved = (m.behind * s.inertial - hanging).abs();
+        let gives = elastic.as_ref().map(|g| g.gives);
+        let moved = transmitted(m, s, hanging, gives).abs();
         let pressed = (a - b * speed).abs().max(hanging.abs());
         dry += m.load_share * (moved + m.load_of * (pressed - moved));
     }
@@ -175,12 +179,35 @@ pub(super) fn mechanics<F: Lane>(
     if m.used.load {
         s.inertial = (s.dq - speed) * m.per_k;
     }
+    if let Some(gear) = &elastic {
+        gear.turn(m, s);
+    }
     s.speeds = [speed, s.dq];
     (s.driven, s.electrical) = ([a, b], electrical);
     // A run that blows up, or became NaN, is parked far away.
     let far = F::splat(1e6);
     s.dq = F::select(s.q.abs().le(far), s.dq, F::zero());
     s.q = s.q.min(far).max(-far);
+}
+
+/// Motor effort of a motor that warms.
+#[inline(always)]
+fn warmed<F: Lane>(m: &Model<F>, s: &mut State<F>, [a, b]: [F; 2], enabled: bool) -> [F; 2] {
+    if !m.used.derate {
+        return [a, b];
+    }
+    let target = F::splat(if enabled { 1.0 } else { 0.0 });
+    s.heat += (target - s.heat) * m.warming;
+    let warm = F::one() - m.derate * s.heat;
+    [a * warm, b * warm]
+}
+
+/// What the gear transmits: the torque that turns it, or, of a rigid one, the hanging load, and the inertia behind it as it
+/// was accelerated last.
+#[inline(always)]
+fn transmitted<F: Lane>(m: &Model<F>, s: &State<F>, hanging: F, gives: Option<F::Mask>) -> F {
+    let rigid = m.behind * s.inertial - hanging;
+    gives.map_or(rigid, |gives| F::select(gives, s.torque, rigid))
 }
 
 /// Speed after a step under dry friction: an effort that stops it within the step if it can. Friction that gives is a
@@ -204,18 +231,76 @@ fn play<F: Lane>(out: F, input: F, half: F) -> F {
     out.clamp(input - half, input + half)
 }
 
-/// Angle behind play and twist, quasi-static.
+/// Damping ratio of a gear that gives, by the inertia of the rotor: gears ring for a few cycles.
+const DAMPING: f64 = 0.1;
+
+/// A gear with play that gives, between the rotor and the load: its torque over a step is the mean of those at both
+/// ends (trapezium), `torque + per_speed v` with the rotor's speed `v` at the end.
+struct Gear<F: Lane> {
+    /// Lanes that have one; the others are rigid.
+    gives: F::Mask,
+    torque: F,
+    per_speed: F,
+    /// Torque at the speeds of the start, and what a difference of speed at the end adds.
+    before: F,
+    per_twist: F,
+}
+
+impl<F: Lane> Gear<F> {
+    #[inline(always)]
+    fn new(m: &Model<F>, s: &State<F>) -> Self {
+        let zero = F::zero();
+        let gives = m.stiffness.gt(zero);
+        let (twist, turning) = (s.q - s.link, s.dq - s.link_dq);
+        let near = twist + m.dt * turning;
+        let beyond = near.abs().gt(m.play);
+        let damping = F::splat(DAMPING) * (m.stiffness * m.rotor).sqrt();
+        let per_twist = F::select(beyond, F::splat(0.5) * m.half * m.stiffness + damping, zero);
+        let pressed = F::select(beyond, m.stiffness * (twist - near.sign() * m.play), zero);
+        let before = pressed + per_twist * turning;
+        let load = m.load_per_dt + per_twist;
+        let moves = m.load_per_dt * s.link_dq + before + hangs(m, s);
+        Self {
+            gives,
+            torque: before - per_twist * moves / load,
+            per_speed: per_twist * m.load_per_dt / load,
+            before,
+            per_twist,
+        }
+    }
+
+    /// The load's step, that of the rotor being done.
+    #[inline(always)]
+    fn turn(&self, m: &Model<F>, s: &mut State<F>) {
+        let pull = self.before + self.per_twist * s.dq;
+        let moves = m.load_per_dt * s.link_dq + pull + hangs(m, s);
+        let after = moves / (m.load_per_dt + self.per_twist);
+        let far = F::splat(1e6);
+        let after = F::select(after.abs().le(far), after, F::zero());
+        s.torque = pull - self.per_twist * after;
+        s.link += m.half * (s.link_dq + after);
+        s.link = s.link.min(far).max(-far);
+        s.link_dq = after;
+    }
+}
+
+/// Effort of gravity on the load, half a step ahead.
+#[inline(always)]
+fn hangs<F: Lane>(m: &Model<F>, s: &State<F>) -> F {
+    if m.used.gravity {
+        -(m.gravity * sin(s.link + m.half * s.link_dq + m.mech))
+    } else {
+        F::zero()
+    }
+}
+
+/// Angles behind the gear and at the encoder.
 #[inline(always)]
 pub(super) fn transmission<F: Lane>(m: &Model<F>, s: &mut State<F>) {
-    if m.used.play || m.used.twist {
-        let gravity = m.gravity * sin(s.link + m.mech);
-        let target = s.q - m.flexibility * gravity;
-        // The load presses the link to one flank; it crosses when the load turns.
-        let full = F::splat(0.05) * m.gravity.abs() + F::splat(1e-300);
-        let pressed = (gravity / full).clamp(-F::one(), F::one());
-        let loaded = play(s.link, target - m.play * pressed, F::splat(0.2) * m.play);
-        let hanging = m.gravity.abs().gt(F::zero());
-        s.link = F::select(hanging, loaded, play(s.link, target, m.play));
+    if m.used.elastic {
+        let gives = m.stiffness.gt(F::zero());
+        s.link = F::select(gives, s.link, s.q);
+        s.link_dq = F::select(gives, s.link_dq, s.dq);
     } else {
         s.link = s.q;
     }

@@ -17,9 +17,9 @@ pub(super) struct Used {
     pub(super) lag: bool,
     pub(super) feedback_delay: bool,
     pub(super) gravity: bool,
-    pub(super) play: bool,
     pub(super) output_play: bool,
-    pub(super) twist: bool,
+    /// Play or give between the rotor and the load.
+    pub(super) elastic: bool,
     pub(super) give: bool,
 }
 
@@ -73,7 +73,12 @@ pub(super) struct Model<F> {
     pub(super) ripple: [F; 3],
     pub(super) play: F,
     pub(super) output_play: F,
-    pub(super) flexibility: F,
+    /// Of a gear that gives or has play, effort per angle; 0 of a rigid one.
+    pub(super) stiffness: F,
+    /// Inertia before the gear; dt over it, and the inertia behind it over dt.
+    pub(super) rotor: F,
+    pub(super) k_motor: F,
+    pub(super) load_per_dt: F,
     pub(super) record_scale: F,
     pub(super) read_after: F,
     /// Steps of the controller's speed estimate; `None` where it is exact.
@@ -81,6 +86,23 @@ pub(super) struct Model<F> {
     /// Ticks of a controller slower than the steps: it holds its output from tick to tick.
     pub(super) ticks_per_step: Option<f64>,
     pub(super) delay: Late<F>,
+}
+
+/// Square of the angle by which the stiffest gear turns its phase in a step: the stops of play are as stiff.
+const STIFFEST: f64 = 0.25;
+
+impl<F: Lane> Model<F> {
+    /// How far the load hangs from a rotor at rest at `q`; as far as play and give let it, rigid lanes not at all.
+    #[inline(always)]
+    pub(super) fn sags(&self, q: F) -> F {
+        if !(self.used.elastic && self.used.gravity) {
+            return F::zero();
+        }
+        let effort = self.gravity * super::laws::sin(q + self.mech);
+        let gives = self.stiffness.gt(F::zero());
+        let far = effort / self.stiffness + effort.sign() * self.play;
+        F::select(gives, far, F::zero())
+    }
 }
 
 /// How many steps back a lane looks.
@@ -151,6 +173,15 @@ pub(super) fn resolve<F: Lane>(run: &RunData, p: &[Params], dt: f64) -> Model<F>
             1.0
         }
     };
+    let elastic = |p: &Params| p.get(P::Play) > 0.0 || p.get(P::Flexibility) > 0.0;
+    // Each side has a part of the inertia.
+    let behind = |p: &Params| p.get(P::Behind).clamp(0.02, 0.98);
+    let stiffness = |p: &Params| {
+        let reduced = inertia(p) * behind(p) * (1.0 - behind(p));
+        let most = STIFFEST * reduced / (dt * dt);
+        let given = 1.0 / p.get(P::Flexibility).max(1e-300);
+        if elastic(p) { given.min(most) } else { 0.0 }
+    };
     let delay_steps = |p: &Params| (p.get(P::FeedbackDelay) / dt).max(0.0);
     let used = Used {
         ripple: any(P::RippleSin) || any(P::RippleCos),
@@ -163,9 +194,8 @@ pub(super) fn resolve<F: Lane>(run: &RunData, p: &[Params], dt: f64) -> Model<F>
         lag: p.iter().any(|p| p.get(P::Lag) > 0.0),
         feedback_delay: p.iter().any(|p| delay_steps(p) > 0.0),
         gravity: p.iter().any(|p| gravity(p) != 0.0),
-        play: any(P::Play),
         output_play: any(P::OutputPlay),
-        twist: any(P::Flexibility),
+        elastic: p.iter().any(elastic),
         give: any(P::Give),
     };
     Model {
@@ -208,7 +238,10 @@ pub(super) fn resolve<F: Lane>(run: &RunData, p: &[Params], dt: f64) -> Model<F>
         ripple: [get(P::RippleSin), get(P::RippleCos), get(P::RipplePeriods)],
         play: get(P::Play),
         output_play: get(P::OutputPlay),
-        flexibility: get(P::Flexibility),
+        stiffness: of(&stiffness),
+        rotor: of(&|p| inertia(p) * (1.0 - behind(p))),
+        k_motor: of(&|p| dt / (inertia(p) * (1.0 - behind(p)))),
+        load_per_dt: of(&|p| inertia(p) * behind(p) / dt),
         record_scale: get(P::RecordScale),
         read_after: get(P::ReadAfter),
         speed: speed_steps(p, n.period_s, dt).map(|s| Late::new(s, 1.0, SEEN - 2, dt)),

@@ -1,5 +1,6 @@
 //! What the loop carries from step to step.
 
+use super::observer::Gains;
 use super::resolve::{Late, Model};
 use super::simd::{Eight, Lane};
 use crate::joint::data::RunData;
@@ -15,6 +16,9 @@ pub(super) struct State<F> {
     pub(super) actuator: F,
     pub(super) output: F,
     pub(super) link: F,
+    pub(super) link_dq: F,
+    /// Torque that the gear transmits, where it gives.
+    pub(super) torque: F,
     /// Controller output of the last tick.
     pub(super) held: F,
     pub(super) duty: F,
@@ -53,7 +57,9 @@ impl<F: Lane> State<F> {
             integral: zero,
             actuator: zero,
             output: q,
-            link: q,
+            link: q - m.sags(q),
+            link_dq: dq,
+            torque: zero,
             held: zero,
             duty: zero,
             bus: m.supply,
@@ -76,7 +82,7 @@ impl<F: Lane> State<F> {
         }
     }
 
-    /// The joint stands elsewhere and moves faster; a link behind play stays.
+    /// The joint stands elsewhere and moves faster.
     #[inline(always)]
     pub(super) fn shift(&mut self, by: F, faster: F) {
         self.q += by;
@@ -84,10 +90,24 @@ impl<F: Lane> State<F> {
         self.dq += faster;
     }
 
+    /// The same of what is behind its gear, by the errors of both angles. A gear that turns back within a row by itself
+    /// keeps its twist: through a stiff one, the noise of angles would kick.
     #[inline(always)]
-    pub(super) fn restart(&mut self, position: f64, velocity: f64, running: bool) {
+    pub(super) fn shift_link(&mut self, m: &Model<F>, [own, behind]: [F; 2], gains: &Gains) {
+        let meets = (self.q - self.link).abs().gt(m.play);
+        let stiffness = F::select(meets, m.stiffness, F::zero());
+        let rows = F::splat(gains.steps * gains.steps);
+        let turns = stiffness * rows * m.dt / m.load_per_dt;
+        let error = own + (behind - own) / (F::one() + turns);
+        self.link += error * F::splat(gains.position);
+        self.link_dq += error * F::splat(gains.speed_hz);
+    }
+
+    #[inline(always)]
+    pub(super) fn restart(&mut self, m: &Model<F>, position: f64, velocity: f64, running: bool) {
         (self.q, self.dq) = (F::splat(position), F::splat(velocity));
-        (self.output, self.link, self.integral) = (self.q, self.q, F::zero());
+        (self.output, self.integral) = (self.q, F::zero());
+        (self.link, self.link_dq) = (self.q - m.sags(self.q), self.dq);
         (self.inertial, self.bristle) = (F::zero(), F::zero());
         if running {
             self.actuator = F::zero();
