@@ -1,11 +1,12 @@
 //! Causes of the gap of one joint on a bench, by the likelihood of [`crate::evidence`].
 //!
 //! The joint is played from the set-points that reached its driver, through controller, motor, gear and load
-//! ([`crate::joint`]); measured positions correct it, so that rows are predicted over a short horizon. Every measured
-//! signal gives prediction errors ([`data`]), which a model of their own correlation whitens ([`noise`]). A cause is a
-//! few parameters with priors ([`library`]); a set of causes is fitted with all stated numbers free within their
-//! tolerances, and weighed by Laplace's evidence ([`fit`], [`search`]).
-//! Set-points on their way to the driver are weighed where the driver echoes them ([`transport`]).
+//! ([`crate::joint`]); measured positions correct it, so that rows are predicted over the horizon at which they are
+//! likeliest. Every measured signal gives prediction errors ([`data`]), which a model of their own correlation whitens
+//! ([`noise`]). A cause is a few parameters with priors ([`library`]); all are scanned around a fit ([`scan`]). A set of
+//! causes is fitted with all stated numbers free within their tolerances, and weighed by Laplace's evidence under the
+//! noise that it leaves ([`fit`], [`search`]). Set-points on their way to the driver are weighed where it echoes them
+//! ([`transport`]); their losses show without an echo too ([`lost`]).
 
 mod data;
 mod fit;
@@ -15,6 +16,7 @@ mod model;
 mod noise;
 mod remainder;
 mod rows;
+mod scan;
 mod search;
 mod stated;
 mod transport;
@@ -32,7 +34,8 @@ use crate::joint::Channel;
 use crate::vocabulary::Effect;
 use data::Data;
 use library::Kind;
-use search::{Found, Search, Set};
+use search::{Found, Known, Search, Set};
+use transport::Transport;
 
 /// Why a joint cannot be diagnosed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -76,52 +79,89 @@ fn shown(data: &Data, kind: Kind) -> Shown {
 /// What was found, with all it was made of.
 struct Explained<'a> {
     data: Data,
-    transport: transport::Transport,
+    transport: Transport,
     search: Search<'a>,
     found: Found,
     remainder: remainder::Remainder,
 }
 
-fn explain<'a>(asked: &Asked<'_>, spreads: &'a Spreads) -> Result<Explained<'a>, BenchError> {
-    let mut transport = transport::Transport::new(asked.manifest, asked.recordings, asked.withhold);
-    let mut data = Data::new(asked.manifest, &transport.cut).ok_or(BenchError::Nothing)?;
-    let mut search = Search::new(&data, asked.withhold, transport.cut_off(), spreads);
-    let mut found = search.run(&data, &|kind| asked.ask(&data, kind));
-    if let Some(lost) = lost(asked, &transport, &data, &search, &found.best)
-        && let Some(arrived) = Data::new(asked.manifest, &lost.arrived)
-    {
-        // What was lost is known: the chain is searched again with what arrived.
-        data = arrived;
-        search = Search::new(&data, asked.withhold, transport.cut_off(), spreads);
-        found = search.run(&data, &|kind| asked.ask(&data, kind));
-        transport.read.push(lost.read);
-    }
-    let remainder = remainder::remainder(&data, &found.before, &found.best.fit.errors);
-    Ok(Explained {
-        data,
-        transport,
-        search,
-        found,
-        remainder,
-    })
+/// A joint fitted without a cause, over the horizon at which its rows are likeliest.
+struct Bare<'a> {
+    data: Data,
+    transport: Transport,
+    search: Search<'a>,
+    bare: Set,
 }
 
-/// Lost set-points that no echo shows, if they are more than joints without a cause seem to lose.
-fn lost(
-    asked: &Asked<'_>,
-    transport: &transport::Transport,
-    data: &Data,
-    search: &Search<'_>,
-    best: &Set,
-) -> Option<lost::Lost> {
-    if transport.echoed || asked.withhold.contains(&Effect::PacketLoss) {
-        return None;
+impl<'a> Bare<'a> {
+    /// The joint; lost set-points that show around the fit are taken out.
+    fn new(asked: &Asked<'_>, known: Known<'a>) -> Result<Self, BenchError> {
+        let error = search::model_error(known.spreads);
+        let transport = Transport::new(asked.manifest, asked.recordings, asked.withhold, error);
+        let recordings = transport.cut.clone();
+        let own = Self::of(asked, known, &recordings, transport).ok_or(BenchError::Nothing)?;
+        let again = own.without_losses(asked, known, &own.bare);
+        Ok(again.unwrap_or(own))
     }
-    let point = best.fit.point();
-    let noise = search.noise.first()?;
-    let lost = lost::lost(asked.manifest, &transport.cut, data, &point, noise)?;
-    let least = asked.ask(data, Kind::One(Effect::PacketLoss));
-    (lost.read.evidence > least.min(LEAST_LOST)).then_some(lost)
+
+    fn of(
+        asked: &Asked<'_>,
+        known: Known<'a>,
+        recordings: &[Recording],
+        transport: Transport,
+    ) -> Option<Self> {
+        let data = Data::new(asked.manifest, recordings)?;
+        let cut = transport.cut_off();
+        let (data, mut search) = Search::likeliest(&data, asked.withhold, cut, known);
+        let bare = search.bare(&data);
+        Some(Self {
+            data,
+            transport,
+            search,
+            bare,
+        })
+    }
+
+    /// The same with the set-points that arrived, if some are lost that no echo shows: more than joints without a cause
+    /// seem to lose around `set`.
+    fn without_losses(&self, asked: &Asked<'_>, known: Known<'a>, set: &Set) -> Option<Self> {
+        let read = |e: &rows::Read| e.effect == Effect::PacketLoss;
+        let known_already = self.transport.echoed || self.transport.read.iter().any(read);
+        if known_already || asked.withhold.contains(&Effect::PacketLoss) {
+            return None;
+        }
+        let (cut, point) = (&self.transport.cut, set.fit.point());
+        let lost = lost::lost(asked.manifest, cut, &self.data, &point)?;
+        let least = asked.ask(&self.data, Kind::One(Effect::PacketLoss));
+        if lost.read.evidence <= least.min(LEAST_LOST) {
+            return None;
+        }
+        let mut again = Self::of(asked, known, &lost.arrived, self.transport.clone())?;
+        again.transport.read.push(lost.read);
+        Some(again)
+    }
+}
+
+fn explain<'a>(asked: &Asked<'_>, known: Known<'a>) -> Result<Explained<'a>, BenchError> {
+    let run = |own: &mut Bare<'a>| {
+        let ask = |kind| asked.ask(&own.data, kind);
+        own.search.run(&own.data, &own.bare, &ask)
+    };
+    let mut own = Bare::new(asked, known)?;
+    let mut found = run(&mut own);
+    // Losses may show around the causes only.
+    if let Some(again) = own.without_losses(asked, known, &found.best) {
+        own = again;
+        found = run(&mut own);
+    }
+    let errors = [&own.bare, &found.best].map(|s| &s.fit.errors);
+    Ok(Explained {
+        remainder: remainder::remainder(&own.data, errors[0], errors[1]),
+        data: own.data,
+        transport: own.transport,
+        search: own.search,
+        found,
+    })
 }
 
 /// Evidence from which losses are taken out before the search of what else is there; a joint without a cause of a
@@ -148,48 +188,32 @@ pub fn name_causes(
     if !missing.is_empty() {
         return Ok(Causes::too_little(missing, calibration));
     }
-    Ok(explain(&asked, &calibration.spreads)?.rows(calibration))
+    let known = Known {
+        spreads: &calibration.spreads,
+        laws: &calibration.laws,
+    };
+    Ok(explain(&asked, known)?.rows(calibration))
 }
 
 /// A joint without a cause, fitted.
-struct Healthy<'a> {
-    data: Data,
-    transport: transport::Transport,
-    search: Search<'a>,
-    bare: Set,
-}
-
-impl<'a> Healthy<'a> {
-    fn new(
-        manifest: &Manifest,
-        recordings: &[Recording],
-        spreads: &'a Spreads,
-    ) -> Result<Self, BenchError> {
-        let asked = Asked {
-            manifest,
-            recordings,
-            withhold: &[],
-            calibration: None,
-        };
-        let mut transport = transport::Transport::new(manifest, recordings, &[]);
-        let mut data = Data::new(manifest, &transport.cut).ok_or(BenchError::Nothing)?;
-        let mut search = Search::new(&data, &[], transport.cut_off(), spreads);
-        let mut bare = search.bare(&data);
-        if let Some(lost) = lost(&asked, &transport, &data, &search, &bare)
-            && let Some(arrived) = Data::new(manifest, &lost.arrived)
-        {
-            data = arrived;
-            search = Search::new(&data, &[], transport.cut_off(), spreads);
-            bare = search.bare(&data);
-            transport.read.push(lost.read);
-        }
-        Ok(Self {
-            data,
-            transport,
-            search,
-            bare,
-        })
-    }
+fn healthy<'a>(
+    manifest: &Manifest,
+    recordings: &[Recording],
+    spreads: &'a Spreads,
+) -> Result<Bare<'a>, BenchError> {
+    let asked = Asked {
+        manifest,
+        recordings,
+        withhold: &[],
+        calibration: None,
+    };
+    // Laws are off by shares of causes, of which there are none.
+    const NONE: &BTreeMap<String, f64> = &BTreeMap::new();
+    let known = Known {
+        spreads,
+        laws: NONE,
+    };
+    Bare::new(&asked, known)
 }
 
 /// A joint without a cause as a block of errors: what [`Spreads::learned`] learns from what joints differ by.
@@ -198,7 +222,7 @@ impl<'a> Healthy<'a> {
 /// As [`name_causes`].
 pub fn null_block(manifest: &Manifest, recordings: &[Recording]) -> Result<White, BenchError> {
     let none = Spreads::default();
-    let own = Healthy::new(manifest, recordings, &none)?;
+    let own = healthy(manifest, recordings, &none)?;
     Ok(own.search.block(&own.data, &own.bare))
 }
 
@@ -212,7 +236,7 @@ pub fn strongest(
     recordings: &[Recording],
     spreads: &Spreads,
 ) -> Result<(BTreeMap<Shown, f64>, f64), BenchError> {
-    let mut own = Healthy::new(manifest, recordings, spreads)?;
+    let mut own = healthy(manifest, recordings, spreads)?;
     let read = own.transport.read.iter();
     let read = read
         .map(|r| (Kind::One(r.effect), r.evidence))
@@ -221,6 +245,9 @@ pub fn strongest(
     // Less than none is none: what was not fitted because others explain more shows as little.
     let all = own.search.hypotheses.iter();
     let mut out: BTreeMap<Shown, f64> = all.map(|h| (shown(&own.data, h.kind), 0.0)).collect();
+    for &effect in own.transport.looked_for() {
+        out.insert(shown(&own.data, Kind::One(effect)), 0.0);
+    }
     for (kind, evidence) in alone.into_iter().chain(read) {
         let slot = out.entry(shown(&own.data, kind)).or_insert(0.0);
         *slot = slot.max(evidence);

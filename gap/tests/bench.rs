@@ -2,9 +2,11 @@
 
 mod common;
 
+use files::dataset::{Manifest, Recording, Signal};
 use gap::bench::{Word, name_causes};
 use gap::decide::Calibration;
-use gap::joint::{P, Params};
+use gap::joint::{P, Params, Problem, Trace, simulate};
+use gap::math::Rng;
 
 /// Nulls that ask for an evidence of 12, beyond what simulated joints without a cause show.
 fn calibration() -> Calibration {
@@ -117,4 +119,59 @@ fn a_late_encoder_is_named_where_repeats_swing_out_of_step() {
     let named: Vec<_> = found.causes.iter().map(|c| c.effect).collect();
     assert!(!named.contains(&Some("packet_loss")), "{found:?}");
     assert_eq!(named[0], Some("feedback_delay"), "{found:?}");
+}
+
+/// A data set whose set-points are sent every 50 ms and lost by chance; none of what it recorded shows which.
+fn losing(share: f64, seed: u64) -> (Manifest, Vec<Recording>) {
+    let (manifest, sent) = common::data(&Params::default(), seed);
+    let mut rng = Rng::new(seed);
+    let mut arrived = sent.clone();
+    for rec in &mut arrived {
+        let joint = rec.joint_mut(0).expect("one joint");
+        let mut column = joint.get(Signal::Setpoint).expect("sent").to_vec();
+        for tick in (5..column.len()).step_by(5) {
+            if rng.uniform() < share {
+                let last = column[tick - 1];
+                column[tick..tick + 5].fill(last);
+            }
+        }
+        joint.set(Signal::Setpoint, Some(column));
+    }
+    let problem = Problem::new(&manifest, &arrived, 0).expect("position is there");
+    let mut out = sent;
+    for (rec, run) in out.iter_mut().zip(&problem.runs) {
+        let mut trace = Trace::new();
+        simulate(run, &Params::default(), problem.dt_s, &mut trace);
+        common::fill(rec, &trace, &mut rng);
+    }
+    (manifest, out)
+}
+
+#[test]
+fn lost_set_points_are_counted_though_nothing_echoes_them() {
+    let (manifest, recordings) = losing(0.35, 5);
+    let found = name_causes(&manifest, &recordings, &[], &calibration()).expect("positions");
+    let named: Vec<_> = found.causes.iter().map(|c| c.effect).collect();
+    assert_eq!(named, [Some("packet_loss")], "{found:?}");
+    let share = found.causes[0].values["probability"].value;
+    assert!((share - 0.35).abs() < 0.03, "{share}");
+}
+
+#[test]
+fn what_the_law_of_a_cause_is_off_by_is_no_second_one() {
+    // Dry friction that rises with the speed.
+    let dry = Params::default()
+        .with(P::Coulomb, 0.8)
+        .with(P::Quadratic, 0.25);
+    let (manifest, recordings) = common::data(&dry, 3);
+    let mut known = calibration();
+    let count = |known: &Calibration| {
+        let found = name_causes(&manifest, &recordings, &[], known).expect("positions");
+        let first = found.causes[0].effect;
+        assert_eq!(first, Some("coulomb_friction"), "{found:?}");
+        found.causes.len()
+    };
+    assert!(count(&known) > 1);
+    known.laws.insert("drivetrain".into(), 0.3);
+    assert_eq!(count(&known), 1);
 }

@@ -11,9 +11,9 @@ use crate::joint::{Channel, Params, Problem, RunData, simulate_all};
 /// Rate to which errors are averaged, Hz: what a joint's loop of 40 rad/s does is below a tenth of it.
 const RATE_HZ: f64 = 100.0;
 
-/// Horizon over which positions are predicted, s: some rows, and half of what a joint's loop of 10 rad/s takes: by hand.
-/// A joint that swings by itself is out of step with its play from set-points alone.
-const HORIZON_S: f64 = 0.05;
+/// Horizons over which positions may be predicted, s: from some rows, over what joints' loops of 20 and 5 rad/s take, to
+/// plays from set-points alone. A joint that swings by itself is out of step with such a play.
+pub(super) const HORIZONS_S: [f64; 4] = [0.05, 0.15, 0.5, f64::INFINITY];
 
 /// Errors by series: channel after channel, each run after run.
 pub(super) type Errors = Vec<Vec<f64>>;
@@ -95,8 +95,7 @@ impl Data {
         }
         super::transport::regular(&mut problem);
         let every = problem.clone();
-        let mut problem = problem.merged(&fit);
-        predicted(&mut problem);
+        let problem = problem.merged(&fit);
         let known = efforts_known(&problem);
         let used = |c: &usize| {
             let has = |r: &RunData| r.samples.iter().any(|s| s.measured[*c].is_finite());
@@ -119,17 +118,30 @@ impl Data {
             .iter()
             .map(|c| out.spread(&every, &fit, *c))
             .collect();
-        out.weights = out.each(|run, channel| {
-            let share = |rows: &[crate::joint::Sample]| {
-                let n = rows
-                    .iter()
-                    .filter(|s| s.enabled && s.measured[channel].is_finite())
-                    .count();
-                n as f64 / rows.len().max(1) as f64
-            };
-            run.samples.chunks(out.stride).map(share).collect()
-        });
+        out.weights = out.each(|run, channel| out.counts(run, channel));
         Some(out)
+    }
+
+    /// Share of the rows of each average that count.
+    pub(super) fn counts(&self, run: &RunData, channel: usize) -> Vec<f64> {
+        let share = |rows: &[crate::joint::Sample]| {
+            let own = |s: &&crate::joint::Sample| s.enabled && s.measured[channel].is_finite();
+            rows.iter().filter(own).count() as f64 / rows.len().max(1) as f64
+        };
+        run.samples.chunks(self.stride).map(share).collect()
+    }
+
+    /// The same with positions predicted over a horizon.
+    pub(super) fn over(&self, horizon_s: f64) -> Self {
+        let mut out = self.clone();
+        predicted(&mut out.problem, horizon_s);
+        out
+    }
+
+    /// The horizon over which positions are predicted, s.
+    pub(super) fn horizon_s(&self) -> f64 {
+        let first = self.problem.runs.first();
+        first.map_or(f64::INFINITY, |r| r.horizon_s)
     }
 
     /// Spread of the averages of repeats.
@@ -235,7 +247,7 @@ impl Data {
     }
 
     /// Errors of a run by channel.
-    fn of_run(&self, run: &RunData, trace: &[[f64; CHANNELS]], point: &Point) -> Vec<Vec<f64>> {
+    pub(super) fn of_run(&self, run: &RunData, trace: &[[f64; CHANNELS]], point: &Point) -> Errors {
         let one = |c: &usize| {
             let error = |(s, y): (&crate::joint::Sample, &[f64; CHANNELS])| {
                 let simulated = point.columns[*c] * y[*c];
@@ -279,10 +291,10 @@ impl Data {
     }
 }
 
-/// Lets measured positions correct every run, so that rows are predicted over [`HORIZON_S`].
-pub(super) fn predicted(problem: &mut Problem) {
+/// Lets measured positions correct every run, so that rows are predicted over a horizon.
+pub(super) fn predicted(problem: &mut Problem, horizon_s: f64) {
     let all = problem.runs.iter_mut();
-    all.for_each(|r| r.horizon_s = HORIZON_S);
+    all.for_each(|r| r.horizon_s = horizon_s);
 }
 
 /// Mean of the numbers; 0 where there is none.

@@ -33,14 +33,13 @@ impl Kind {
         }
     }
 
-    pub(super) fn stage(self) -> &'static str {
-        let stage = match self {
+    pub(super) fn stage(self) -> Stage {
+        match self {
             Self::One(e) => e.stage(),
             Self::Payload => Stage::Drivetrain,
             Self::WeakBattery => Stage::Supply,
             Self::ColumnScale(_) => Stage::Conventions,
-        };
-        stage.name()
+        }
     }
 
     /// Whether the nominal model holds all of its numbers.

@@ -2,11 +2,11 @@
 
 use super::data::{Data, Errors};
 use crate::evidence::block::{Column, Segment};
-use crate::evidence::linear::{backward, cholesky, dot, forward};
+use crate::evidence::linear::{backward, cholesky, dot, forward, log_determinant};
 use crate::evidence::noise::{HUBER, Whitening};
 
 /// Order of the autoregression that whitens: 60 ms at 100 Hz.
-const ORDER: usize = 6;
+pub(super) const ORDER: usize = 6;
 
 /// The noise of every channel, how much each row of it counts, and directions in which healthy joints differ.
 #[derive(Debug, Clone, PartialEq)]
@@ -109,9 +109,13 @@ impl Noise {
         self
     }
 
-    /// Filter of the first channel, and how much a row of it counts.
-    pub(super) fn first(&self) -> Option<(&Whitening, f64)> {
-        Some((self.filters.first()?, self.count))
+    /// Logarithm of the likelihood of the errors that the noise was made from, beside their squares and a constant.
+    pub(super) fn log_likelihood(&self) -> f64 {
+        let rows = self.weights.iter().zip(&self.channel);
+        let own: f64 = rows
+            .map(|(w, k)| w.iter().sum::<f64>() * libm::log(self.filters[*k].noise))
+            .sum();
+        -own - 0.5 * log_determinant(&self.factor, self.healthy.len())
     }
 
     pub(super) fn white(&self, errors: &Errors) -> Errors {
@@ -134,6 +138,12 @@ impl Noise {
     pub(super) fn seen(&self, white: Errors, weights: &Errors) -> Seen {
         let along = self.along(&white, weights);
         Seen { white, along }
+    }
+
+    /// How much of one direction another one holds: the coefficient of its regression.
+    pub(super) fn share(&self, of: &Errors, along: &Errors) -> f64 {
+        let square = inner(along, along, &self.weights);
+        inner(of, along, &self.weights) / square.max(f64::MIN_POSITIVE)
     }
 
     fn along(&self, white: &Errors, weights: &Errors) -> Vec<f64> {

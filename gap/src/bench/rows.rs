@@ -8,7 +8,7 @@ use super::data::Data;
 use super::library::{Hypothesis, Kind};
 use super::search::Set;
 use super::{Explained, shown};
-use crate::decide::{CLASS, Calibration, LEVEL, MOST, Shown};
+use crate::decide::{CLASS, Calibration, LEVEL, MOST, ORDINARY, Shown};
 use crate::evidence::cause::Scope;
 use crate::names;
 use crate::vocabulary::Effect;
@@ -20,9 +20,9 @@ use crate::whole::{Alternative, Probabilities, Row, Value};
 pub enum Word {
     /// Nothing is there that joints without a cause do not show.
     None,
-    /// Stated numbers beyond their tolerance, and no more is left than joints without a cause leave.
+    /// Stated numbers beyond their tolerance, and as much is left as joints without a cause leave.
     Parametric,
-    /// Causes are named, and no more is left than joints without a cause leave.
+    /// Causes are named, and as much is left as joints without a cause leave.
     Explained,
     /// Causes are named, and more is left.
     PartlyExplained,
@@ -132,8 +132,21 @@ impl Causes {
     }
 }
 
-/// Standard deviations of the values of a hypothesis, by slopes along the set's coordinates.
-fn values(e: &Explained<'_>, set: &Set, h: &Hypothesis) -> BTreeMap<&'static str, Value> {
+/// Value of a parameter at which its cause is not there.
+fn neutral(kind: Kind, key: &str) -> f64 {
+    match kind {
+        Kind::One(effect) => {
+            let own = effect.parameters().iter().find(|p| p.key == key);
+            own.map_or(0.0, |p| p.neutral)
+        }
+        _ if key.ends_with("ratio") => 1.0,
+        _ => 0.0,
+    }
+}
+
+/// The values of a hypothesis: their deviations by slopes along the set's coordinates, and those of a law that is off
+/// by a share of the size.
+fn values(e: &Explained<'_>, set: &Set, h: &Hypothesis, law: f64) -> BTreeMap<&'static str, Value> {
     let read = |x: &[f64]| -> Vec<(&'static str, f64)> {
         let point = set.fit.model.point(x);
         match &h.candidate {
@@ -166,7 +179,10 @@ fn values(e: &Explained<'_>, set: &Set, h: &Hypothesis) -> BTreeMap<&'static str
                     variance += g[i] * g[j] * covariance[i * n + j];
                 }
             }
-            let off = 1.96 * variance.max(0.0).sqrt();
+            // What gives without end is not there: a law is linear in one over a stiffness.
+            let neutral = neutral(h.kind, key);
+            let size = value - if neutral.is_finite() { neutral } else { 0.0 };
+            let off = 1.96 * libm::hypot(variance.max(0.0).sqrt(), law * size);
             let value = Value {
                 value: *value,
                 ci95: [value - off, value + off],
@@ -234,7 +250,7 @@ impl Explained<'_> {
             .sum();
         Row {
             effect: Some(h.kind.name()),
-            stage: Some(h.kind.stage()),
+            stage: Some(h.kind.stage().name()),
             scope: scope(h),
             joints: joints(h),
             kind: if h.kind.parametric() {
@@ -242,7 +258,7 @@ impl Explained<'_> {
             } else {
                 "structural"
             },
-            values: values(self, set, h),
+            values: values(self, set, h, calibration.law(h.kind.stage())),
             probability: (1.0 - p_value) / (1.0 + others),
             p_value,
             evidence,
@@ -271,10 +287,11 @@ impl Explained<'_> {
         let (causes, plain): (Vec<Row>, Vec<String>) = named.into_iter().unzip();
         let remainder_p = calibration.remainder_p(self.remainder.ratio);
         let more = remainder_p < LEVEL;
+        let ordinary = remainder_p >= ORDINARY;
         let verdict = match causes.first() {
             _ if more && (causes.is_empty() || self.remainder.share > MOST) => Word::Unknown,
             None => Word::None,
-            Some(_) if more => Word::PartlyExplained,
+            Some(_) if !ordinary => Word::PartlyExplained,
             Some(_) if causes.iter().all(|r| r.kind == "parametric") => Word::Parametric,
             Some(_) => Word::Explained,
         };
@@ -292,7 +309,7 @@ impl Explained<'_> {
         Causes {
             schema: "rb.gap/2",
             verdict,
-            sentence: sentence(verdict, &plain),
+            sentence: sentence(verdict, &plain, more),
             causes,
             probabilities: Probabilities { none, unknown },
             to_state: Vec::new(),
@@ -310,7 +327,8 @@ impl Explained<'_> {
     }
 }
 
-fn sentence(word: Word, causes: &[String]) -> String {
+/// `more`: no joint without a cause leaves as much.
+fn sentence(word: Word, causes: &[String], more: bool) -> String {
     let list = causes.join("; ");
     match word {
         Word::None => "No cause shows that joints without a cause do not show as well.".into(),
@@ -319,8 +337,9 @@ fn sentence(word: Word, causes: &[String]) -> String {
         }
         Word::Parametric | Word::Explained => format!("Causes, strongest first: {list}."),
         Word::PartlyExplained => {
+            let joints = if more { "joints" } else { "most joints" };
             format!(
-                "Causes, strongest first: {list}. More is left than joints without a cause leave."
+                "Causes, strongest first: {list}. More is left than {joints} without a cause leave."
             )
         }
     }

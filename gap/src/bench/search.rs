@@ -1,25 +1,28 @@
-//! Sets of causes by their evidence: all hypotheses scanned around a fit, the best of them fitted, one more at a time.
+//! Sets of causes by their evidence: of all hypotheses scanned around a fit the best are fitted, one more at a time.
 
-use rayon::prelude::*;
+use std::collections::BTreeMap;
 
-use super::data::{Data, Errors};
+use super::data::{Data, HORIZONS_S};
 use super::fit::Fit;
 use super::library::{Hypothesis, Kind, SITE, library, nuisances};
 use super::model::{Axis, Coordinate, Model, Point};
-use super::noise::{Direction, Noise, Seen};
-use crate::evidence::block::{Column, Segment, White};
-use crate::evidence::ensemble::{Spreads, kind, name};
-use crate::evidence::linear::{cholesky, dot, forward};
-use crate::vocabulary::Effect;
+use super::noise::Noise;
+use super::scan::Scanned;
+use crate::decide::CLASS;
+use crate::evidence::ensemble::{Spreads, kind};
+use crate::vocabulary::{Effect, Stage};
 
 /// Hypotheses that are fitted of those that were scanned.
 const FITTED: usize = 8;
-/// Starts of one hypothesis that are kept after the first scan.
-const KEPT: usize = 8;
 /// Sets of those that grew, best first, that are weighed under the noise they leave.
 const TRIED: usize = 3;
+/// Rivals that are tried in the place of members, and what one must add to take it: more than fits stand apart.
+const EXCHANGES: usize = 8;
+const CLEARLY: f64 = 0.1;
 /// Rounds in which the fit without a cause may move.
 const ROUNDS: usize = 3;
+/// Half of the squares that a hypothesis must gain to lead the fit without a cause elsewhere.
+const LEADS: f64 = 1.0;
 /// Sets that are kept at every size.
 const BEAM: usize = 2;
 /// Most causes of a joint.
@@ -27,12 +30,10 @@ const MOST: usize = 4;
 /// Steps of a fit that only ranks, and of one that stays.
 const RANKS: usize = 5;
 const STAYS: usize = 12;
-/// Standard deviation of the share of a start that is there: neighbours stand a factor of 1.5 to 3 apart.
-const BETWEEN: f64 = 0.5;
 /// Expected number of causes of a joint, as for robots.
 const EXPECTED: f64 = 2.0;
 /// Model error in any one direction as a share of the noise, where no healthy joints say it: by hand.
-pub(super) const MODEL_ERROR: f64 = 0.1;
+const MODEL_ERROR: f64 = 0.1;
 
 /// What a kind of cause must add.
 pub(super) type Ask<'a> = &'a dyn Fn(Kind) -> f64;
@@ -58,14 +59,39 @@ pub(super) struct Rival {
 /// What a search found.
 pub(super) struct Found {
     pub(super) best: Set,
-    /// Errors of what is stated, within its tolerances.
-    pub(super) before: Errors,
     /// Evidence that each member adds.
     pub(super) gains: Vec<f64>,
     /// Rivals of each member, nearest first.
     pub(super) rivals: Vec<Vec<Rival>>,
     /// The cause of those that were not taken which comes nearest to what is asked of it, and what it adds.
     pub(super) next: Option<(Kind, f64)>,
+}
+
+/// A set with one cause more and the set without it, under the noise that the larger one leaves.
+struct Weighed {
+    with: Set,
+    without: Set,
+    noise: Noise,
+}
+
+impl Weighed {
+    /// Evidence that the cause adds.
+    fn adds(&self) -> f64 {
+        self.with.evidence - self.without.evidence
+    }
+
+    /// Evidence of the larger set with the likelihood of its noise: sets that leave different noises are compared by
+    /// it, as by a likelihood whose noise is fitted with each.
+    fn total(&self) -> f64 {
+        self.noise.log_likelihood() + self.with.evidence
+    }
+}
+
+/// What a calibration says beside what a cause must add.
+#[derive(Clone, Copy)]
+pub(super) struct Known<'a> {
+    pub(super) spreads: &'a Spreads,
+    pub(super) laws: &'a BTreeMap<String, f64>,
 }
 
 /// Everything that sets are made of.
@@ -76,19 +102,15 @@ pub(super) struct Search<'a> {
     log_prior: f64,
     base: Point,
     /// What healthy joints differ by.
-    spreads: &'a Spreads,
-}
-
-/// A hypothesis around a fit: its best start, what it gains there, and the errors it changes.
-struct Scanned {
-    hypothesis: usize,
-    start: Vec<f64>,
-    gain: f64,
-    change: Errors,
+    pub(super) spreads: &'a Spreads,
+    /// By what share the laws of causes are off, by stage.
+    laws: &'a BTreeMap<String, f64>,
+    /// Sets that were weighed under the noise that they leave, with their totals.
+    tried: Vec<(Vec<usize>, f64)>,
 }
 
 impl<'a> Search<'a> {
-    pub(super) fn new(data: &Data, withhold: &[Effect], cut: bool, spreads: &'a Spreads) -> Self {
+    pub(super) fn new(data: &Data, withhold: &[Effect], cut: bool, known: Known<'a>) -> Self {
         let base = Point::default();
         let nuisances = nuisances(data, cut);
         let errors = data.errors(&[base]).remove(0);
@@ -106,8 +128,41 @@ impl<'a> Search<'a> {
             noise,
             log_prior: libm::log(EXPECTED / kinds.len().max(1) as f64),
             base,
-            spreads,
+            spreads: known.spreads,
+            laws: known.laws,
+            tried: Vec::new(),
         }
+    }
+
+    /// The data over the horizon at which they are likeliest, and a search of them.
+    ///
+    /// Each row's error is its own value less what those before predict, so likelihoods of two horizons are of the same
+    /// data (prediction-error decomposition: Schweppe 1965). All hypotheses explain what they can of each.
+    pub(super) fn likeliest(
+        data: &Data,
+        withhold: &[Effect],
+        cut: bool,
+        known: Known<'a>,
+    ) -> (Data, Self) {
+        let over = |horizon_s| {
+            let data = data.over(horizon_s);
+            let mut own = Self::new(&data, withhold, cut, known);
+            let bare = own.fitted(&data, Vec::new(), &own.base.clone(), RANKS);
+            let all = own.scan_all(&data, &bare);
+            own.thin(&all);
+            let scanned = own.scan(&data, &bare);
+            own.listen(&data, &bare, &scanned, 0);
+            (own.noise.log_likelihood(), data, own)
+        };
+        let [first, rest @ ..] = HORIZONS_S.map(over);
+        let likelier = |a: (f64, Data, Self), b: (f64, Data, Self)| if b.0 > a.0 { b } else { a };
+        let (_, data, own) = rest.into_iter().fold(first, likelier);
+        (data, own)
+    }
+
+    /// By what share the laws of a stage are off.
+    pub(super) fn law(&self, stage: Stage) -> f64 {
+        self.laws.get(stage.name()).copied().unwrap_or(0.0)
     }
 
     /// Parameters and priors of a set.
@@ -142,7 +197,7 @@ impl<'a> Search<'a> {
     }
 
     /// Whether a hypothesis may stand beside the members.
-    fn compatible(&self, members: &[usize], h: usize) -> bool {
+    pub(super) fn compatible(&self, members: &[usize], h: usize) -> bool {
         let new = &self.hypotheses[h];
         members.iter().all(|m| {
             let own = &self.hypotheses[*m];
@@ -150,190 +205,29 @@ impl<'a> Search<'a> {
         })
     }
 
-    /// Every hypothesis around a set at its best start, best first, one a kind and way.
-    fn scan(&self, data: &Data, set: &Set) -> Vec<Scanned> {
-        let mut all = self.scan_all(data, set);
-        let mut seen = Vec::new();
-        all.retain(|s| {
-            let h = &self.hypotheses[s.hypothesis];
-            let way = (h.kind, h.candidate.as_ref().map(|c| c.variant));
-            let new = !seen.contains(&way);
+    /// Leaves of sets of the same kinds the first.
+    fn one_a_kind(&self, sets: &mut Vec<Set>) {
+        let kind = |m: &usize| self.hypotheses[*m].kind;
+        let mut seen: Vec<Vec<Kind>> = Vec::new();
+        sets.retain(|s| {
+            let own: Vec<Kind> = s.members.iter().map(kind).collect();
+            let same = |a: &Vec<Kind>| a.len() == own.len() && own.iter().all(|k| a.contains(k));
+            let new = !seen.iter().any(same);
             if new {
-                seen.push(way);
+                seen.push(own);
             }
             new
         });
-        all
-    }
-
-    /// Leaves of many starts those that gain most.
-    fn thin(&mut self, scanned: &[Scanned]) {
-        for (h, own) in self.hypotheses.iter_mut().enumerate() {
-            if own.starts.len() > KEPT {
-                let best = scanned.iter().filter(|s| s.hypothesis == h).take(KEPT);
-                own.starts = best.map(|s| s.start.clone()).collect();
-            }
-        }
-    }
-
-    /// Every start of every hypothesis, best first.
-    fn scan_all(&self, data: &Data, set: &Set) -> Vec<Scanned> {
-        let here = set.fit.point();
-        let mut asked: Vec<(usize, &Vec<f64>)> = Vec::new();
-        for (h, own) in self.hypotheses.iter().enumerate() {
-            if self.compatible(&set.members, h) {
-                asked.extend(own.starts.iter().map(|s| (h, s)));
-            }
-        }
-        let points: Vec<Point> = asked
-            .iter()
-            .map(|(h, s)| self.hypotheses[*h].on(&here, s))
-            .collect();
-        let scale = Around::new(&self.noise, &set.fit);
-        let mut all: Vec<Scanned> = asked
-            .par_chunks(16)
-            .zip(points.par_chunks(16))
-            .flat_map_iter(|(asked, points)| {
-                let errors = data.errors(points);
-                asked
-                    .iter()
-                    .zip(errors)
-                    .map(|((h, start), errors)| {
-                        let change: Errors = errors
-                            .iter()
-                            .zip(&set.fit.errors)
-                            .map(|(a, b)| a.iter().zip(b).map(|(a, b)| a - b).collect())
-                            .collect();
-                        Scanned {
-                            hypothesis: *h,
-                            start: (*start).clone(),
-                            gain: scale.gain(&change),
-                            change,
-                        }
-                    })
-                    .collect::<Vec<_>>()
-            })
-            .collect();
-        all.sort_by(|a, b| {
-            b.gain
-                .total_cmp(&a.gain)
-                .then(a.hypothesis.cmp(&b.hypothesis))
-        });
-        all
-    }
-
-    /// What healthy joints differ by along a column.
-    fn learned(&self, column: &Column) -> f64 {
-        let learned = name(&SITE, column).and_then(|n| self.spreads.columns.get(&n));
-        learned.copied().unwrap_or(0.0)
-    }
-
-    /// What healthy joints differ by along the members of a set.
-    fn differs(&self, data: &Data, set: &Set) -> Vec<Direction> {
-        let here = set.fit.point();
-        let neutral = Point::default();
-        let members = set.members.iter().map(|m| &self.hypotheses[*m]);
-        let mut points = Vec::new();
-        let mut healthy = Vec::new();
-        for member in members {
-            let at: Vec<f64> = member
-                .coordinates
-                .iter()
-                .map(|c| here.get(c.axis))
-                .collect();
-            let (column, unit) = member.column(&at);
-            healthy.push(unit * self.learned(&column));
-            let mut without = here;
-            member.axes().for_each(|a| without.set(a, neutral.get(a)));
-            points.push(without);
-        }
-        let all = data.errors(&points).into_iter().zip(healthy);
-        all.map(|(mut errors, healthy)| {
-            add(&mut errors, &set.fit.errors, -1.0);
-            Direction {
-                errors,
-                prior: [0.0, BETWEEN],
-                healthy,
-            }
-        })
-        .collect()
-    }
-
-    /// The noise of what all that was scanned leaves around a set.
-    fn listen(&mut self, data: &Data, set: &Set, scanned: &[Scanned]) {
-        let mut directions: Vec<Direction> = scanned
-            .iter()
-            .map(|s| {
-                let (column, unit) = self.hypotheses[s.hypothesis].column(&s.start);
-                Direction {
-                    errors: s.change.clone(),
-                    prior: [1.0, BETWEEN],
-                    healthy: unit * self.learned(&column),
-                }
-            })
-            .collect();
-        for (slope, c) in set.fit.slopes.iter().zip(&set.fit.model.coordinates) {
-            directions.push(Direction {
-                errors: slope.clone(),
-                prior: [0.0, c.sd],
-                healthy: 0.0,
-            });
-        }
-        directions.extend(self.differs(data, set));
-        let error = self.spreads.model_error.get(&kind(&SITE)).copied();
-        let error = error.unwrap_or(MODEL_ERROR);
-        self.noise = Noise::new(data, &set.fit.errors, &directions, error);
-    }
-
-    /// A joint without a cause as a block: what all that was scanned changes, and what its own numbers do.
-    pub(super) fn block(&self, data: &Data, set: &Set) -> White {
-        let scanned = self.scan(data, set);
-        let mut columns = Vec::new();
-        let mut x: Vec<Errors> = Vec::new();
-        let mut y = set.fit.errors.clone();
-        for (slope, (c, at)) in set
-            .fit
-            .slopes
-            .iter()
-            .zip(set.fit.model.coordinates.iter().zip(&set.fit.x))
-        {
-            columns.push(Column::nuisance(c.sd));
-            add(&mut y, slope, c.mean - at);
-            x.push(slope.clone());
-        }
-        for s in scanned {
-            let (column, unit) = self.hypotheses[s.hypothesis].column(&s.start);
-            columns.push(column);
-            let mut change = Errors::new();
-            s.change
-                .iter()
-                .for_each(|e| change.push(e.iter().map(|e| unit * e).collect()));
-            x.push(change);
-        }
-        let [y, x] = [vec![y], x].map(|all| {
-            let white = all.iter().map(|e| self.noise.white(e));
-            white.collect::<Vec<Errors>>()
-        });
-        let weights = self.noise.weights(&self.noise.white(&set.fit.errors));
-        let segments: Vec<Segment> = weights
-            .into_iter()
-            .enumerate()
-            .map(|(s, weight)| Segment {
-                y: y[0][s].clone(),
-                x: x.iter()
-                    .map(|x| x[s].iter().map(|x| -x).collect())
-                    .collect(),
-                weight,
-            })
-            .collect();
-        White::whitened(SITE, columns, &segments, [1.0, 1.0])
     }
 
     /// Sets with one cause more, best first.
     fn grown(&self, data: &Data, set: &Set, scanned: &[Scanned]) -> Vec<Set> {
         let here = set.fit.point();
-        let mut out: Vec<Set> = scanned
-            .iter()
+        let absorbed = self.absorbed(set);
+        let mut all: Vec<&Scanned> = scanned.iter().chain(&absorbed).collect();
+        all.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+        let mut out: Vec<Set> = all
+            .into_iter()
             .take(FITTED)
             .map(|s| {
                 let mut members = set.members.clone();
@@ -346,29 +240,54 @@ impl<'a> Search<'a> {
         out
     }
 
+    /// Sets of one cause, fitted from what is stated. From the fit without a cause a search may not come back: its
+    /// numbers imitate what they can of a large cause.
+    fn stated(&self, data: &Data) -> Vec<Set> {
+        let stated = self.fitted(data, Vec::new(), &self.base, 0);
+        let scanned = self.scan(data, &stated);
+        self.grown(data, &stated, &scanned)
+    }
+
     /// What each kind of cause that a search would fit adds to a set without any, under the noise that it leaves.
     pub(super) fn alone(&mut self, data: &Data, bare: &Set) -> Vec<(Kind, f64)> {
-        let scanned = self.scan(data, bare);
-        let mut out: Vec<(Kind, f64)> = Vec::new();
-        for set in self.grown(data, bare, &scanned) {
-            let old = self.noise.clone();
-            let [with, without] = self.larger(data, bare, &set);
-            self.noise = old;
+        let mut out = Vec::new();
+        let all = self.candidates(data, std::slice::from_ref(bare));
+        for set in self.worth_weighing(&all, bare) {
             let own = set.members.last().map(|h| self.hypotheses[*h].kind);
-            let adds = with.evidence - without.evidence;
-            match own.and_then(|own| out.iter_mut().find(|o| o.0 == own)) {
-                Some(before) => before.1 = before.1.max(adds),
-                None => out.extend(own.map(|own| (own, adds))),
-            }
+            let adds = self.larger(data, bare, set).adds();
+            out.extend(own.map(|own| (own, adds)));
         }
         out
     }
 
+    /// Sets with one cause more than those of `beam`, one a kind, best first.
+    fn candidates(&self, data: &Data, beam: &[Set]) -> Vec<Set> {
+        let mut all = Vec::new();
+        for set in beam {
+            let scanned = self.scan(data, set);
+            all.extend(self.grown(data, set, &scanned));
+            if set.members.is_empty() {
+                all.extend(self.stated(data));
+            }
+        }
+        all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        self.one_a_kind(&mut all);
+        all
+    }
+
+    /// The best set, and of the next those that have more evidence than the one without their cause.
+    fn worth_weighing<'s>(&self, all: &'s [Set], without: &Set) -> Vec<&'s Set> {
+        let more = |(n, s): &(usize, &Set)| *n == 0 || s.evidence > without.evidence;
+        let best = all.iter().take(TRIED).enumerate();
+        best.filter(more).map(|s| s.1).collect()
+    }
+
     /// A set with one cause more, and the set without it, under the noise that the larger one leaves; each from where
     /// either was.
-    fn larger(&mut self, data: &Data, set: &Set, with: &Set) -> [Set; 2] {
+    fn larger(&mut self, data: &Data, set: &Set, with: &Set) -> Weighed {
+        let old = self.noise.clone();
         let scanned = self.scan(data, with);
-        self.listen(data, with, &scanned);
+        self.listen(data, with, &scanned, set.members.len());
         let more = self.fitted(data, with.members.clone(), &with.fit.point(), STAYS);
         let less = self.fitted(data, set.members.clone(), &set.fit.point(), STAYS);
         let less = self.better(data, less, &more.fit.point());
@@ -376,7 +295,26 @@ impl<'a> Search<'a> {
         let neutral = added.map_or(Vec::new(), Hypothesis::neutral);
         let start = added.map_or(less.fit.point(), |h| h.on(&less.fit.point(), &neutral));
         let more = self.better(data, more, &start);
-        [more, less]
+        Weighed {
+            with: more,
+            without: less,
+            noise: std::mem::replace(&mut self.noise, old),
+        }
+    }
+
+    /// Whether a set may have a higher total: it was not weighed, or had one.
+    fn may_beat(&self, set: &Set, total: f64) -> bool {
+        let same =
+            |m: &[usize]| m.len() == set.members.len() && m.iter().all(|h| set.members.contains(h));
+        let known = self.tried.iter().rev().find(|m| same(&m.0));
+        known.is_none_or(|m| m.1 > total)
+    }
+
+    /// A set under the noise that it leaves itself.
+    fn settled(&mut self, data: &Data, set: &Set) -> Set {
+        let scanned = self.scan(data, set);
+        self.listen(data, set, &scanned, set.members.len());
+        self.fitted(data, set.members.clone(), &set.fit.point(), STAYS)
     }
 
     /// A set as it is or as fitted from another point, whichever is likelier.
@@ -399,14 +337,14 @@ impl<'a> Search<'a> {
     /// too, so that it stands in no hollow that any of them would leave.
     pub(super) fn bare(&mut self, data: &Data) -> Set {
         let mut best = self.fitted(data, Vec::new(), &self.base.clone(), STAYS);
-        let all = self.scan_all(data, &best);
-        self.thin(&all);
         for _ in 0..ROUNDS {
             let scanned = self.scan(data, &best);
-            self.listen(data, &best, &scanned);
+            self.listen(data, &best, &scanned, 0);
             best = self.fitted(data, Vec::new(), &best.fit.point(), STAYS);
             let before = best.evidence;
-            for other in self.grown(data, &best, &scanned) {
+            let cost = best.fit.cost;
+            let all = self.grown(data, &best, &scanned);
+            for other in all.iter().filter(|o| o.fit.cost < cost - LEADS) {
                 best = self.better(data, best, &other.fit.point());
             }
             if best.evidence < before + 1.0 {
@@ -416,31 +354,27 @@ impl<'a> Search<'a> {
         best
     }
 
-    /// Searches; a cause of a kind must add what `ask` says.
-    pub(super) fn run(&mut self, data: &Data, ask: Ask<'_>) -> Found {
-        let mut best = self.bare(data);
-        let before = best.fit.errors.clone();
+    /// Searches from the fit without a cause on; a cause of a kind must add what `ask` says.
+    pub(super) fn run(&mut self, data: &Data, bare: &Set, ask: Ask<'_>) -> Found {
+        let mut best = bare.clone();
         let mut beam = vec![best.clone()];
         let mut next: Option<(Kind, f64)> = None;
+        let mut last = None;
         for _ in 0..MOST {
-            let mut all: Vec<Set> = Vec::new();
-            for set in &beam {
-                let scanned = self.scan(data, set);
-                all.extend(self.grown(data, set, &scanned));
-            }
-            all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+            let mut all = self.candidates(data, &beam);
             next = None;
-            let mut taken = None;
-            for set in all.iter().take(TRIED) {
-                let old = self.noise.clone();
-                let [with, without] = self.larger(data, &best, set);
-                if self.above(&with, ask) > self.above(&without, ask) {
-                    taken = Some(with);
-                    break;
+            let mut taken: Option<Weighed> = None;
+            for set in self.worth_weighing(&all, &best) {
+                let weighed = self.larger(data, &best, set);
+                self.tried.push((set.members.clone(), weighed.total()));
+                if self.above(&weighed.with, ask) > self.above(&weighed.without, ask) {
+                    if taken.as_ref().is_none_or(|t| weighed.total() > t.total()) {
+                        taken = Some(weighed);
+                    }
+                    continue;
                 }
-                self.noise = old;
                 let own = set.members.last().map(|h| self.hypotheses[*h].kind);
-                let adds = with.evidence - without.evidence;
+                let adds = weighed.adds();
                 let share = |(kind, adds): (Kind, f64)| adds / ask(kind);
                 if let Some(own) = own
                     && next.is_none_or(|n| share((own, adds)) > share(n))
@@ -449,137 +383,110 @@ impl<'a> Search<'a> {
                 }
             }
             let Some(taken) = taken else { break };
-            all.retain(|s| s.members != taken.members);
-            all.insert(0, taken.clone());
+            self.noise = taken.noise.clone();
+            all.retain(|s| s.members != taken.with.members);
+            all.insert(0, taken.with.clone());
             all.truncate(BEAM);
-            best = taken;
+            best = taken.with.clone();
+            last = Some(taken);
             beam = all;
         }
         Found {
-            before,
             next,
-            ..self.exchanged(data, best, ask)
+            ..self.exchanged(data, best, last, ask)
         }
     }
 
-    /// Every member against all others in its place.
-    fn exchanged(&mut self, data: &Data, best: Set, ask: Ask<'_>) -> Found {
-        let mut best = best;
-        let mut gains = Vec::new();
-        let mut rivals = Vec::new();
-        let mut at = 0;
-        let mut rounds = 0;
-        while at < best.members.len() {
-            let mut members = best.members.clone();
-            let own = members.remove(at);
-            let bare = self.fitted(data, members, &best.fit.point(), STAYS);
-            let bare_gain = best.evidence - bare.evidence;
-            let scanned = self.scan(data, &bare);
-            let others = self.grown(data, &bare, &scanned);
-            let bar = self.above(&bare, ask);
-            let mut better = others.iter().filter(|s| self.above(s, ask) > bar);
-            let better = better.find(|s| s.evidence > best.evidence + 0.5);
-            rounds += 1;
-            if rounds < 8 {
-                if bare_gain <= ask(self.hypotheses[own].kind) {
-                    best = bare;
-                    (at, gains, rivals) = (0, Vec::new(), Vec::new());
-                    continue;
-                }
-                if let Some(other) = better {
-                    best = self.fitted(data, other.members.clone(), &other.fit.point(), STAYS);
-                    (at, gains, rivals) = (0, Vec::new(), Vec::new());
+    /// Every member against all others in its place, the other members known; `last` is the set as it grew last.
+    fn exchanged(&mut self, data: &Data, best: Set, last: Option<Weighed>, ask: Ask<'_>) -> Found {
+        let (mut best, mut last) = (best, last);
+        let (mut gains, mut rivals) = (Vec::new(), Vec::new());
+        let mut exchanges = 0;
+        while gains.len() < best.members.len() {
+            let at = gains.len();
+            let grew = last.take_if(|w| at + 1 == w.with.members.len());
+            let weighed = grew.unwrap_or_else(|| self.member(data, &best, at));
+            if self.above(&weighed.with, ask) <= self.above(&weighed.without, ask) {
+                best = self.settled(data, &weighed.without);
+                (last, gains, rivals) = (None, Vec::new(), Vec::new());
+                continue;
+            }
+            self.noise = weighed.noise.clone();
+            let bare = &weighed.without;
+            let mut others = self.grown(data, bare, &self.scan(data, bare));
+            let kind = |s: &Set| s.members.last().map(|m| self.hypotheses[*m].kind);
+            let own = kind(&weighed.with);
+            let rival = others.iter().position(|s| kind(s) != own);
+            if let Some(at) = rival.filter(|_| exchanges < EXCHANGES) {
+                exchanges += 1;
+                others[at] = self.closest(data, &others[at], &weighed.with);
+                if let Some(other) = self.beats(data, &others[at], &weighed, ask) {
+                    best = other.with.clone();
+                    self.noise = other.noise.clone();
+                    (last, gains, rivals) = (Some(other), Vec::new(), Vec::new());
                     continue;
                 }
             }
-            gains.push(bare_gain);
-            rivals.push(
-                others
-                    .iter()
-                    .filter_map(|s| {
-                        let new = *s.members.last()?;
-                        let same = self.hypotheses[new].kind == self.hypotheses[own].kind;
-                        (!same).then_some(Rival {
-                            hypothesis: new,
-                            margin: best.evidence - s.evidence,
-                        })
-                    })
-                    .collect(),
-            );
-            at += 1;
+            gains.push(weighed.adds());
+            rivals.push(self.rivals(&weighed.with, &others));
         }
         Found {
             best,
-            before: Errors::new(),
             gains,
             rivals,
             next: None,
         }
     }
-}
 
-fn add(to: &mut Errors, direction: &Errors, by: f64) {
-    for (to, d) in to.iter_mut().zip(direction) {
-        to.iter_mut().zip(d).for_each(|(to, d)| *to += by * d);
+    /// A member of a set, weighed as if it had come last.
+    fn member(&mut self, data: &Data, set: &Set, at: usize) -> Weighed {
+        let mut with = set.clone();
+        let own = with.members.remove(at);
+        let bare = self.fitted(data, with.members.clone(), &set.fit.point(), STAYS);
+        with.members.push(own);
+        self.larger(data, &bare, &with)
     }
-}
 
-/// What a change of the errors gains around a fit, whose own coordinates give way.
-struct Around<'a> {
-    noise: &'a Noise,
-    errors: Seen,
-    weights: Errors,
-    slopes: Vec<Seen>,
-    factor: Vec<f64>,
-    /// Products of slopes and errors, solved; and what the priors pull.
-    solved: Vec<f64>,
-}
+    /// A rival, fitted as far as the set in whose place it would stand, from there too.
+    fn closest(&self, data: &Data, rival: &Set, set: &Set) -> Set {
+        let own = self.fitted(data, rival.members.clone(), &rival.fit.point(), STAYS);
+        self.better(data, own, &set.fit.point())
+    }
 
-impl<'a> Around<'a> {
-    fn new(noise: &'a Noise, fit: &Fit) -> Self {
-        let white = noise.white(&fit.errors);
-        let (_, weights) = noise.left(&white);
-        let errors = noise.seen(white, &weights);
-        let all = fit.slopes.iter().map(|s| noise.white(s));
-        let slopes: Vec<Seen> = all.map(|s| noise.seen(s, &weights)).collect();
-        let n = slopes.len();
-        let mut a = vec![0.0; n * n];
-        let mut solved = vec![0.0; n];
-        for i in 0..n {
-            for j in 0..=i {
-                let p = noise.product(&slopes[i], &slopes[j], &weights);
-                a[i * n + j] = p;
-                a[j * n + i] = p;
-            }
-            let c = &fit.model.coordinates[i];
-            let stiff = 1.0 / (c.sd * c.sd);
-            a[i * n + i] += stiff;
-            solved[i] = noise.product(&slopes[i], &errors, &weights) + stiff * (fit.x[i] - c.mean);
+    /// A rival that is to stand in the place of the last member of a set, as it is weighed. It has more evidence under
+    /// the noise of the set, or a likelihood under its own that is no chance of two noises.
+    fn beats(&mut self, data: &Data, rival: &Set, set: &Weighed, ask: Ask<'_>) -> Option<Weighed> {
+        let bar = set.total() + CLASS;
+        let clearly = rival.evidence > set.with.evidence + CLEARLY;
+        let explains = rival.evidence > set.without.evidence;
+        let may = clearly || (explains && self.may_beat(rival, bar));
+        if !may {
+            return None;
         }
-        let factor = cholesky(&a, n);
-        forward(&factor, n, &mut solved);
-        Self {
-            noise,
-            errors,
-            weights,
-            slopes,
-            factor,
-            solved,
-        }
+        let other = self.larger(data, &set.without, rival);
+        self.tried.push((rival.members.clone(), other.total()));
+        let stands = self.above(&other.with, ask) > self.above(&other.without, ask);
+        (stands && (clearly || other.total() > bar)).then_some(other)
     }
 
-    /// Half the squares that `share * change` gains, the share being about one.
-    fn gain(&self, change: &Errors) -> f64 {
-        let d = self.noise.seen(self.noise.white(change), &self.weights);
-        let product = |a: &Seen, b: &Seen| self.noise.product(a, b, &self.weights);
-        let n = self.solved.len();
-        let mut along: Vec<f64> = self.slopes.iter().map(|s| product(s, &d)).collect();
-        forward(&self.factor, n, &mut along);
-        let stiff = 1.0 / (BETWEEN * BETWEEN);
-        let square = product(&d, &d) - dot(&along, &along) + stiff;
-        let moment = product(&d, &self.errors) - dot(&along, &self.solved);
-        // The share's prior: one, give or take BETWEEN.
-        let toward = stiff - moment;
-        0.5 * (toward * toward / square - stiff)
+    /// What could stand in the place of the last member.
+    fn rivals(&self, set: &Set, others: &[Set]) -> Vec<Rival> {
+        let kind = |m: usize| self.hypotheses[m].kind;
+        let own = set.members.last().map(|m| kind(*m));
+        let last = others
+            .iter()
+            .filter_map(|s| Some((*s.members.last()?, s.evidence)));
+        last.filter(|(m, _)| Some(kind(*m)) != own)
+            .map(|(hypothesis, evidence)| Rival {
+                hypothesis,
+                margin: set.evidence - evidence,
+            })
+            .collect()
     }
+}
+
+/// Model error in any one direction, as a share of the noise: of healthy joints, where any were learned from.
+pub(super) fn model_error(spreads: &Spreads) -> f64 {
+    let learned = spreads.model_error.get(&kind(&SITE)).copied();
+    learned.unwrap_or(MODEL_ERROR)
 }

@@ -3,13 +3,13 @@
 use files::dataset::{Manifest, Recording, Signal};
 
 use super::rows::Read;
-use super::search::MODEL_ERROR;
-use crate::joint::arrival::Regularity;
+use crate::joint::arrival::regularity;
 use crate::joint::{Problem, RunData};
 use crate::names::jitter_s;
 use crate::vocabulary::Effect;
 
 /// What the echo shows of the way, and the recordings that the chain is played from.
+#[derive(Debug, Clone)]
 pub(super) struct Transport {
     /// Recordings whose set-points are those that the driver applied, where these come irregularly.
     pub(super) cut: Vec<Recording>,
@@ -21,12 +21,17 @@ pub(super) struct Transport {
 }
 
 impl Transport {
-    pub(super) fn new(manifest: &Manifest, recordings: &[Recording], withhold: &[Effect]) -> Self {
+    pub(super) fn new(
+        manifest: &Manifest,
+        recordings: &[Recording],
+        withhold: &[Effect],
+        error: f64,
+    ) -> Self {
         let mut cut = recordings.to_vec();
         let echoed = recordings.iter().all(|r| echo(r).is_some());
         let read = Problem::new(manifest, recordings, 0)
             .filter(|_| echoed)
-            .and_then(|p| irregular(&p))
+            .and_then(|p| irregular(&p, error))
             .filter(|r| !withhold.contains(&r.effect));
         if read.is_some() {
             for r in &mut cut {
@@ -43,6 +48,12 @@ impl Transport {
             irregular: read.is_some(),
             read: read.into_iter().collect(),
         }
+    }
+
+    /// Effects that are read from the way of set-points: without an echo their losses are.
+    pub(super) fn looked_for(&self) -> &'static [Effect] {
+        const ALL: [Effect; 2] = [Effect::PacketLoss, Effect::Jitter];
+        &ALL[..1 + usize::from(self.echoed)]
     }
 
     /// Whether the chain begins at the echo.
@@ -62,59 +73,33 @@ const ROWS: f64 = 1.5;
 /// Share of set-points of which one is lost by chance: a damaged frame in a hundred.
 const CHANCE: f64 = 0.01;
 
-/// Set-points that come unevenly, or not at all.
-fn irregular(problem: &Problem) -> Option<Read> {
-    let (mut delays, mut doubt, mut sent, mut lost) = (Vec::new(), 0.0_f64, 0.0, 0.0);
-    let step = crate::joint::arrival::lattice(&problem.runs).unwrap_or(0.0);
-    for run in problem.runs.iter().filter(|r| r.arrivals.len() > FEW) {
-        for pair in run.arrivals.windows(2) {
-            let [from, to] = [pair[0].index, pair[1].index];
-            sent += 1.0;
-            // A set-point that would not have changed the echo is not missed.
-            for k in from + 1..to {
-                sent += 1.0;
-                lost += f64::from(u8::from(
-                    (run.command[k] - run.command[from]).abs() > step.max(1e-5),
-                ));
-            }
-        }
-        for a in run.arrivals.iter().skip(1) {
-            delays.push(a.t_s - run.command_t_s[a.index]);
-            doubt = doubt.max(2.0 * a.doubt_s);
-        }
+/// Set-points that come unevenly, or not at all; `error` is the model error in any one direction, as a share of the
+/// noise.
+fn irregular(problem: &Problem, error: f64) -> Option<Read> {
+    let way = regularity(&problem.runs)?;
+    let lost = way.lost * way.sent;
+    let arrived = way.sent - lost;
+    if way.range_s > ROWS * way.doubt_s {
+        let sigma = jitter_s(problem, &way, 0.0);
+        let off = sigma * (0.5 / arrived).sqrt() + 0.1 * way.doubt_s;
+        let counts = 1.0 / (1.0 + arrived * error * error);
+        let evidence = counts * arrived * libm::log(way.range_s / way.doubt_s);
+        return Some(Read::new(Effect::Jitter, "sigma_s", [sigma, off], evidence));
     }
-    if delays.len() < FEW || step > 0.0 {
+    if way.lost <= CHANCE {
         return None;
     }
-    let count = delays.len() as f64;
-    let counts = 1.0 / (1.0 + count * MODEL_ERROR * MODEL_ERROR);
-    let least = crate::math::quantile(&delays, 0.05) - 0.5 * doubt;
-    let square = |d: &f64| (d - least).max(0.0) * (d - least).max(0.0);
-    let spread_s = (delays.iter().map(square).sum::<f64>() / count).sqrt();
-    let range_s = crate::math::quantile(&delays, 0.98) - crate::math::quantile(&delays, 0.02);
-    let regularity = Regularity {
-        sent,
-        lost: lost / sent,
-        least_s: least.max(0.0),
-        range_s,
-        spread_s,
-        doubt_s: doubt,
-    };
-    let share = lost / sent;
-    let off = (share * (1.0 - share) / sent).sqrt();
-    if range_s > ROWS * doubt {
-        let sigma = jitter_s(problem, &regularity, 0.0);
-        let error = sigma * (0.5 / count).sqrt() + 0.1 * doubt;
-        let evidence = counts * count * libm::log(range_s / doubt);
-        return Some(Read::new(
-            Effect::Jitter,
-            "sigma_s",
-            [sigma, error],
-            evidence,
-        ));
-    }
-    let evidence = counts * lost * libm::log(share.max(1e-6) / CHANCE);
-    (share > CHANCE).then(|| Read::new(Effect::PacketLoss, "probability", [share, off], evidence))
+    // Binomial likelihoods of the share that was lost and of chance, with Schwarz's price of the share.
+    let evidence = lost * libm::log(way.lost / CHANCE)
+        + arrived * libm::log((1.0 - way.lost) / (1.0 - CHANCE))
+        - 0.5 * libm::log(way.sent);
+    let off = (way.lost * (1.0 - way.lost) / way.sent).sqrt();
+    Some(Read::new(
+        Effect::PacketLoss,
+        "probability",
+        [way.lost, off],
+        evidence,
+    ))
 }
 
 /// Least number of set-points from which their interval is read.

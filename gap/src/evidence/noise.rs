@@ -105,6 +105,16 @@ pub struct Whitening {
 }
 
 impl Whitening {
+    /// Independent errors of one size.
+    #[must_use]
+    pub fn plain(noise: f64) -> Self {
+        Self {
+            past: Vec::new(),
+            noise,
+            slow: 0.0,
+        }
+    }
+
     /// `v` as independent errors; the first rows see a shorter past.
     #[must_use]
     pub fn apply(&self, v: &[f64]) -> Vec<f64> {
@@ -144,11 +154,7 @@ pub(super) fn whiten(
     let mut out = segments.to_vec();
     // Errors as large as the floor at first: what columns explain is theirs, and the filter is fitted to the rest.
     // From large errors the priors would hold the coefficients, and the filter would take the signal for noise.
-    let mut white = Whitening {
-        past: Vec::new(),
-        noise: floor.max(LEAST * root_mean_square(segments)),
-        slow: 0.0,
-    };
+    let mut white = Whitening::plain(floor.max(LEAST * root_mean_square(segments)));
     whitened(&mut out, segments, &white);
     for _ in 0..PASSES {
         let theta = saturated(&out, columns);

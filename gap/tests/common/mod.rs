@@ -62,7 +62,8 @@ pub(crate) fn data_of(planted: impl Fn(usize) -> Params, seed: u64) -> (Manifest
     (manifest, recordings)
 }
 
-fn fill(rec: &mut Recording, trace: &Trace, rng: &mut Rng) {
+/// Puts a simulation into the columns that are measured, with their noise.
+pub(crate) fn fill(rec: &mut Recording, trace: &Trace, rng: &mut Rng) {
     use files::dataset::Signal;
     let columns = [
         (Signal::Position, 0, 4e-4),
