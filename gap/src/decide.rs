@@ -12,7 +12,7 @@ use crate::vocabulary::{Effect, Stage};
 /// Family-wise share of robots without a cause that may be accused of one.
 pub const LEVEL: f64 = 0.01;
 /// Share of joints without a cause that leave as much, from which a remainder is ordinary: to be no outlier at [`LEVEL`]
-/// does not show that all is explained. By convention, as a test of equivalence is laxer in what it rejects.
+/// does not show that all is explained. By hand: one in ten, as a test of equivalence rejects more.
 pub const ORDINARY: f64 = 0.1;
 /// Share of the squares beyond the noise that stays, above which what was named is not what is there: of joints and of robots.
 pub const MOST: f64 = 0.5;

@@ -173,18 +173,7 @@ impl Data {
     /// What the recording itself leaves in channel number `k`: the spread of repeats, or without them the noise from
     /// second differences; with what two simulators differ by.
     pub(super) fn own_noise(&self, k: usize) -> f64 {
-        let fast = || {
-            let all: Vec<f64> = self.measured()[self.series(k)]
-                .iter()
-                .flat_map(|m| {
-                    m.windows(3)
-                        .map(|w| (w[0] - 2.0 * w[1] + w[2]).abs())
-                        .collect::<Vec<_>>()
-                })
-                .collect();
-            // Median of |N(0, 6 s^2)| is 0.6745 sqrt(6) s.
-            crate::math::median(&all) / (0.6745 * 6.0_f64.sqrt())
-        };
+        let fast = || fast_noise(self.measured()[self.series(k)].iter());
         libm::hypot(self.repeated[k].unwrap_or_else(fast), self.floor(k))
     }
 
@@ -289,6 +278,14 @@ impl Data {
         let spread: Vec<f64> = all.iter().map(|x| x - middle).collect();
         share * crate::math::rms(&spread)
     }
+}
+
+/// Noise from second differences of some series.
+pub(super) fn fast_noise<'a>(all: impl Iterator<Item = &'a Vec<f64>>) -> f64 {
+    let second = |m: &'a Vec<f64>| m.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).abs());
+    let all: Vec<f64> = all.flat_map(second).collect();
+    // Median of |N(0, 6 s^2)| is 0.6745 sqrt(6) s.
+    crate::math::median(&all) / (0.6745 * 6.0_f64.sqrt())
 }
 
 /// Lets measured positions correct every run, so that rows are predicted over a horizon.

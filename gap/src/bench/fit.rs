@@ -43,34 +43,47 @@ fn prior_squares(model: &Model, x: &[f64]) -> f64 {
         .sum()
 }
 
-/// Normal equations around a point.
-struct Normal {
-    a: Vec<f64>,
-    gradient: Vec<f64>,
+/// Normal equations around a point, and the white errors that they are made of.
+pub(super) struct Normal {
+    pub(super) a: Vec<f64>,
+    pub(super) gradient: Vec<f64>,
+    pub(super) slopes: Vec<Seen>,
+    pub(super) errors: Seen,
+    pub(super) weights: Errors,
 }
 
-fn normal(noise: &Noise, model: &Model, x: &[f64], white: &Errors, slopes: &[Errors]) -> Normal {
+pub(super) fn normal(
+    noise: &Noise,
+    model: &Model,
+    x: &[f64],
+    white: Errors,
+    slopes: &[Errors],
+) -> Normal {
     let n = x.len();
-    let (_, weights) = noise.left(white);
-    let white_slopes: Vec<Seen> = slopes
-        .iter()
-        .map(|s| noise.seen(noise.white(s), &weights))
-        .collect();
-    let errors = noise.seen(white.clone(), &weights);
+    let (_, weights) = noise.left(&white);
+    let all = slopes.iter().map(|s| noise.white(s));
+    let slopes: Vec<Seen> = all.map(|s| noise.seen(s, &weights)).collect();
+    let errors = noise.seen(white, &weights);
     let mut a = vec![0.0; n * n];
     let mut gradient = vec![0.0; n];
     for i in 0..n {
         for j in 0..=i {
-            let p = noise.product(&white_slopes[i], &white_slopes[j], &weights);
+            let p = noise.product(&slopes[i], &slopes[j], &weights);
             a[i * n + j] = p;
             a[j * n + i] = p;
         }
         let c = &model.coordinates[i];
         let stiff = 1.0 / (c.sd * c.sd);
         a[i * n + i] += stiff;
-        gradient[i] = noise.product(&white_slopes[i], &errors, &weights) + stiff * (x[i] - c.mean);
+        gradient[i] = noise.product(&slopes[i], &errors, &weights) + stiff * (x[i] - c.mean);
     }
-    Normal { a, gradient }
+    Normal {
+        a,
+        gradient,
+        slopes,
+        errors,
+        weights,
+    }
 }
 
 fn slopes(data: &Data, model: &Model, x: &[f64], errors: &Errors) -> Vec<Errors> {
@@ -121,8 +134,7 @@ impl Fit {
         let mut cost = cost_of(&errors, &x);
         let mut own = slopes(data, &model, &x, &errors);
         for _ in 0..most.min(STEPS) {
-            let white = noise.white(&errors);
-            let n = normal(noise, &model, &x, &white, &own);
+            let n = normal(noise, &model, &x, noise.white(&errors), &own);
             let tried = tried(&n, &x, &inside);
             let points: Vec<Point> = tried.iter().map(|x| model.point(x)).collect();
             let all = data.errors(&points);
@@ -159,7 +171,7 @@ impl Fit {
         let n = self.x.len();
         let white = noise.white(&self.errors);
         self.cost = 0.5 * (noise.left(&white).0 + prior_squares(&self.model, &self.x));
-        let own = normal(noise, &self.model, &self.x, &white, &self.slopes);
+        let own = normal(noise, &self.model, &self.x, white, &self.slopes);
         self.factor = cholesky(&own.a, n);
         let priors: f64 = self
             .model

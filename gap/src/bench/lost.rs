@@ -4,7 +4,7 @@
 use files::dataset::{Manifest, Recording, Signal};
 use rayon::prelude::*;
 
-use super::data::{Data, Errors, predicted};
+use super::data::{Data, Errors, fast_noise, predicted};
 use super::model::Point;
 use super::noise::ORDER;
 use super::rows::Read;
@@ -24,8 +24,6 @@ const FIRST: f64 = 0.0025;
 const AGAIN: f64 = 0.5;
 /// Passes, each around the losses of the one before and under the noise that they leave.
 const PASSES: usize = 12;
-/// Share of the values by which losses may change in the last pass.
-const SETTLED: f64 = 0.005;
 /// Most set-points of one value that are lost in a row.
 const IN_A_ROW: usize = 3;
 
@@ -222,13 +220,7 @@ impl<'a> Run<'a> {
 
 /// The noise of channel number `k` from second differences, which losses are seldom part of.
 fn fast(left: &[Errors], k: usize, floor: f64) -> Whitening {
-    let second = |e: &Errors| -> Vec<f64> {
-        let all = e[k].windows(3);
-        all.map(|w| (w[0] - 2.0 * w[1] + w[2]).abs()).collect()
-    };
-    let all: Vec<f64> = left.iter().flat_map(second).collect();
-    // Median of |N(0, 6 s^2)| is 0.6745 sqrt(6) s.
-    let noise = crate::math::median(&all) / (0.6745 * 6.0_f64.sqrt());
+    let noise = fast_noise(left.iter().map(|e| &e[k]));
     Whitening::plain(libm::hypot(noise, floor))
 }
 
@@ -295,7 +287,7 @@ pub(super) fn lost(
         share = (expected / f64::max(looked, 1.0)).clamp(SHARES.start, SHARES.end);
         left = runs.par_iter().map(|r| r.left(play)).collect();
         filters = noise(&runs, &left, data);
-        if (gone - before).abs() <= SETTLED * looked {
+        if (gone - before).abs() <= SHARES.start * looked {
             break;
         }
     }

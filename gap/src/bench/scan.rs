@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::data::{Data, Errors};
-use super::fit::Fit;
+use super::fit::{Fit, Normal, normal};
 use super::library::{Hypothesis, SITE};
 use super::model::{Coordinate, Point};
 use super::noise::{Direction, Noise, Seen};
@@ -264,9 +264,7 @@ fn add(to: &mut Errors, direction: &Errors, by: f64) {
 /// What a change of the errors gains around a fit, whose own coordinates give way.
 struct Around<'a> {
     noise: &'a Noise,
-    errors: Seen,
-    weights: Errors,
-    slopes: Vec<Seen>,
+    normal: Normal,
     factor: Vec<f64>,
     /// Products of slopes and errors, solved; and what the priors pull.
     solved: Vec<f64>,
@@ -275,31 +273,14 @@ struct Around<'a> {
 impl<'a> Around<'a> {
     fn new(noise: &'a Noise, fit: &Fit) -> Self {
         let white = noise.white(&fit.errors);
-        let (_, weights) = noise.left(&white);
-        let errors = noise.seen(white, &weights);
-        let all = fit.slopes.iter().map(|s| noise.white(s));
-        let slopes: Vec<Seen> = all.map(|s| noise.seen(s, &weights)).collect();
-        let n = slopes.len();
-        let mut a = vec![0.0; n * n];
-        let mut solved = vec![0.0; n];
-        for i in 0..n {
-            for j in 0..=i {
-                let p = noise.product(&slopes[i], &slopes[j], &weights);
-                a[i * n + j] = p;
-                a[j * n + i] = p;
-            }
-            let c = &fit.model.coordinates[i];
-            let stiff = 1.0 / (c.sd * c.sd);
-            a[i * n + i] += stiff;
-            solved[i] = noise.product(&slopes[i], &errors, &weights) + stiff * (fit.x[i] - c.mean);
-        }
-        let factor = cholesky(&a, n);
+        let normal = normal(noise, &fit.model, &fit.x, white, &fit.slopes);
+        let n = fit.x.len();
+        let factor = cholesky(&normal.a, n);
+        let mut solved = normal.gradient.clone();
         forward(&factor, n, &mut solved);
         Self {
             noise,
-            errors,
-            weights,
-            slopes,
+            normal,
             factor,
             solved,
         }
@@ -307,14 +288,15 @@ impl<'a> Around<'a> {
 
     /// Half the squares that `share * change` gains, the share being about one.
     fn gain(&self, change: &Errors) -> f64 {
-        let d = self.noise.seen(self.noise.white(change), &self.weights);
-        let product = |a: &Seen, b: &Seen| self.noise.product(a, b, &self.weights);
+        let weights = &self.normal.weights;
+        let d = self.noise.seen(self.noise.white(change), weights);
+        let product = |a: &Seen, b: &Seen| self.noise.product(a, b, weights);
         let n = self.solved.len();
-        let mut along: Vec<f64> = self.slopes.iter().map(|s| product(s, &d)).collect();
+        let mut along: Vec<f64> = self.normal.slopes.iter().map(|s| product(s, &d)).collect();
         forward(&self.factor, n, &mut along);
         let stiff = 1.0 / (BETWEEN * BETWEEN);
         let square = product(&d, &d) - dot(&along, &along) + stiff;
-        let moment = product(&d, &self.errors) - dot(&along, &self.solved);
+        let moment = product(&d, &self.normal.errors) - dot(&along, &self.solved);
         // The share's prior: one, give or take BETWEEN.
         let toward = stiff - moment;
         0.5 * (toward * toward / square - stiff)

@@ -16,9 +16,8 @@ use crate::vocabulary::{Effect, Stage};
 const FITTED: usize = 8;
 /// Sets of those that grew, best first, that are weighed under the noise they leave.
 const TRIED: usize = 3;
-/// Rivals that are tried in the place of members, and what one must add to take it: more than fits stand apart.
+/// Rivals that are tried in the place of members.
 const EXCHANGES: usize = 8;
-const CLEARLY: f64 = 0.1;
 /// Rounds in which the fit without a cause may move.
 const ROUNDS: usize = 3;
 /// Half of the squares that a hypothesis must gain to lead the fit without a cause elsewhere.
@@ -457,16 +456,16 @@ impl<'a> Search<'a> {
     /// the noise of the set, or a likelihood under its own that is no chance of two noises.
     fn beats(&mut self, data: &Data, rival: &Set, set: &Weighed, ask: Ask<'_>) -> Option<Weighed> {
         let bar = set.total() + CLASS;
-        let clearly = rival.evidence > set.with.evidence + CLEARLY;
+        let likelier = rival.evidence > set.with.evidence;
         let explains = rival.evidence > set.without.evidence;
-        let may = clearly || (explains && self.may_beat(rival, bar));
+        let may = likelier || (explains && self.may_beat(rival, bar));
         if !may {
             return None;
         }
         let other = self.larger(data, &set.without, rival);
         self.tried.push((rival.members.clone(), other.total()));
         let stands = self.above(&other.with, ask) > self.above(&other.without, ask);
-        (stands && (clearly || other.total() > bar)).then_some(other)
+        (stands && (likelier || other.total() > bar)).then_some(other)
     }
 
     /// What could stand in the place of the last member.
