@@ -50,7 +50,10 @@ struct Run<'a> {
     late: Vec<usize>,
 }
 
-fn played(run: &RunData, point: &Point, data: &Data) -> Errors {
+fn played(run: &RunData, point: &Point, data: &Data<'_>) -> Errors {
+    if data.stop.asked() {
+        return data.nothing(run);
+    }
     let mut trace = Trace::new();
     simulate(run, &point.params, data.problem.dt_s, &mut trace);
     data.of_run(run, &trace, point)
@@ -98,11 +101,11 @@ fn white(errors: &Errors, noise: &[Whitening]) -> Errors {
 #[derive(Clone, Copy)]
 struct Play<'a> {
     point: &'a Point,
-    data: &'a Data,
+    data: &'a Data<'a>,
 }
 
 impl<'a> Run<'a> {
-    fn new(run: &'a RunData, data: &Data) -> Self {
+    fn new(run: &'a RunData, data: &Data<'_>) -> Self {
         let channels = data.channels.iter();
         Self {
             data: run,
@@ -225,7 +228,7 @@ fn fast(left: &[Errors], k: usize, floor: f64) -> Whitening {
 }
 
 /// The noise of single recordings by channel, of what losses leave.
-fn noise(runs: &[Run<'_>], left: &[Errors], data: &Data) -> Vec<Whitening> {
+fn noise(runs: &[Run<'_>], left: &[Errors], data: &Data<'_>) -> Vec<Whitening> {
     let one = |k: usize| {
         let all = runs.iter().zip(left);
         let segments: Vec<Segment> = all
@@ -257,7 +260,7 @@ fn the_same(runs: &[Run<'_>]) -> bool {
 pub(super) fn lost(
     manifest: &Manifest,
     recordings: &[Recording],
-    data: &Data,
+    data: &Data<'_>,
     point: &Point,
 ) -> Option<Lost> {
     let mut problem = Problem::new(manifest, recordings, 0)?;
