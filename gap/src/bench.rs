@@ -1,16 +1,14 @@
 //! Causes of the gap of one joint on a bench, by the likelihood of [`crate::evidence`].
 //!
 //! The joint is played from the set-points that reached its driver, through controller, motor, gear and load
-//! ([`crate::joint`]). Where no position loop holds it, or it swings by itself, measured positions correct it, so that
-//! rows are predicted over a horizon. Every measured signal gives prediction errors ([`data`]), which a model of their own correlation whitens
+//! ([`crate::joint`]); measured positions correct it, so that rows are predicted over the horizon at which they are
+//! likeliest. Every measured signal gives prediction errors ([`data`]), which a model of their own correlation whitens
 //! ([`noise`]). A cause is a few parameters with priors ([`library`]); all are scanned around a fit ([`scan`]). A set of
 //! causes is fitted with all stated numbers free within their tolerances, and weighed by Laplace's evidence under the
 //! noise that it leaves ([`fit`], [`search`]). Set-points on their way to the driver are weighed where it echoes them
-//! ([`transport`]); their losses show without an echo too ([`lost`]). Causes are named on some runs ([`split`]) and
-//! compared on the others ([`diagnosis`]).
+//! ([`transport`]); their losses show without an echo too ([`lost`]).
 
 mod data;
-mod diagnosis;
 mod fit;
 mod library;
 mod lost;
@@ -20,8 +18,6 @@ mod remainder;
 mod rows;
 mod scan;
 mod search;
-mod split;
-mod state;
 mod stated;
 mod transport;
 
@@ -29,30 +25,22 @@ use std::collections::BTreeMap;
 
 use files::dataset::{Manifest, Recording};
 
-pub use diagnosis::HeldOut;
 pub use rows::{Causes, Word};
 
 use crate::decide::{Calibration, Shown};
 use crate::evidence::block::White;
 use crate::evidence::ensemble::Spreads;
-use crate::joint::{Channel, Problem};
+use crate::joint::Channel;
 use crate::vocabulary::Effect;
 use data::Data;
 use library::Kind;
 use search::{Found, Known, Search, Set};
-use split::Split;
 use transport::Transport;
 
 /// Why a joint cannot be diagnosed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum BenchError {
-    /// No run has a position.
-    #[error("no run measured position; record position_rad (or _m) to get a diagnosis")]
-    NoPosition,
-    /// Nothing to fit.
-    #[error("no run with role \"fit\" measured position; give at least one run role = \"fit\"")]
-    NoFitRuns,
     /// No run has both set-points and positions.
     #[error("no run has set-points and positions; record setpoint_rad and position_rad (or _m)")]
     Nothing,
@@ -93,8 +81,6 @@ struct Explained<'a> {
     data: Data,
     transport: Transport,
     search: Search<'a>,
-    /// Without a cause, and with the causes.
-    bare: Set,
     found: Found,
     remainder: remainder::Remainder,
 }
@@ -126,7 +112,7 @@ impl<'a> Bare<'a> {
     ) -> Option<Self> {
         let data = Data::new(asked.manifest, recordings)?;
         let cut = transport.cut_off();
-        let (data, mut search) = Search::likeliest(&data, asked, cut, known);
+        let (data, mut search) = Search::likeliest(&data, asked.withhold, cut, known);
         let bare = search.bare(&data);
         Some(Self {
             data,
@@ -174,7 +160,6 @@ fn explain<'a>(asked: &Asked<'_>, known: Known<'a>) -> Result<Explained<'a>, Ben
         data: own.data,
         transport: own.transport,
         search: own.search,
-        bare: own.bare,
         found,
     })
 }
@@ -193,11 +178,21 @@ pub fn name_causes(
     withhold: &[Effect],
     calibration: &Calibration,
 ) -> Result<Causes, BenchError> {
-    let missing = stated::missing(manifest);
+    let asked = Asked {
+        manifest,
+        recordings,
+        withhold,
+        calibration: Some(calibration),
+    };
+    let missing = stated::missing(&manifest.bench);
     if !missing.is_empty() {
         return Ok(Causes::too_little(missing, calibration));
     }
-    diagnosis::named(manifest, recordings, withhold, calibration)
+    let known = Known {
+        spreads: &calibration.spreads,
+        laws: &calibration.laws,
+    };
+    Ok(explain(&asked, known)?.rows(calibration))
 }
 
 /// A joint without a cause, fitted.
@@ -206,16 +201,14 @@ fn healthy<'a>(
     recordings: &[Recording],
     spreads: &'a Spreads,
 ) -> Result<Bare<'a>, BenchError> {
-    // Laws are off by shares of causes, of which there are none.
-    const NONE: &BTreeMap<String, f64> = &BTreeMap::new();
-    let problem = Problem::new(manifest, recordings, 0).ok_or(BenchError::NoPosition)?;
-    let split = Split::new(manifest, recordings, &problem)?;
     let asked = Asked {
-        manifest: &split.manifest,
-        recordings: &split.recordings,
+        manifest,
+        recordings,
         withhold: &[],
         calibration: None,
     };
+    // Laws are off by shares of causes, of which there are none.
+    const NONE: &BTreeMap<String, f64> = &BTreeMap::new();
     let known = Known {
         spreads,
         laws: NONE,
@@ -233,16 +226,7 @@ pub fn null_block(manifest: &Manifest, recordings: &[Recording]) -> Result<White
     Ok(own.search.block(&own.data, &own.bare))
 }
 
-/// What a joint without a cause adds to a calibration.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Healthy {
-    /// Evidence of every effect that it could have, alone.
-    pub evidence: BTreeMap<Shown, f64>,
-    /// What is left of each column over its noise, dB.
-    pub left_db: Vec<(String, f64)>,
-}
-
-/// Evidence of every effect that a joint could have, alone, and what is left of each column without a cause, dB: what a joint without one
+/// Evidence of every effect that a joint could have, alone, and what is left without a cause: what a joint without one
 /// adds to a calibration, given what such joints differ by.
 ///
 /// # Errors
@@ -251,7 +235,7 @@ pub fn strongest(
     manifest: &Manifest,
     recordings: &[Recording],
     spreads: &Spreads,
-) -> Result<Healthy, BenchError> {
+) -> Result<(BTreeMap<Shown, f64>, f64), BenchError> {
     let mut own = healthy(manifest, recordings, spreads)?;
     let read = own.transport.read.iter();
     let read = read
@@ -269,9 +253,5 @@ pub fn strongest(
         *slot = slot.max(evidence);
     }
     let errors = &own.bare.fit.errors;
-    let left = remainder::remainder(&own.data, errors, errors).left_db;
-    Ok(Healthy {
-        evidence: out,
-        left_db: left,
-    })
+    Ok((out, remainder::remainder(&own.data, errors, errors).ratio))
 }

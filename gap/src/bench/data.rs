@@ -1,24 +1,19 @@
 //! A joint's recording as errors of what was simulated, repeats averaged.
 
-use files::dataset::{Command, Manifest, Recording, Role, Signal};
+use files::dataset::{Manifest, Recording, Role, Signal};
 use rayon::prelude::*;
 
 use super::model::Point;
 use crate::joint::data::CHANNELS;
 use crate::joint::merge::alike;
-use crate::joint::swing::swings;
 use crate::joint::{Channel, Params, Problem, RunData, simulate_all};
 
 /// Rate to which errors are averaged, Hz: what a joint's loop of 40 rad/s does is below a tenth of it.
 const RATE_HZ: f64 = 100.0;
 
 /// Horizons over which positions may be predicted, s: from some rows, over what joints' loops of 20 and 5 rad/s take, to
-/// plays from set-points alone.
-const HORIZONS_S: [f64; 4] = [0.05, 0.15, 0.5, f64::INFINITY];
-
-/// Turns of a position that count, as a share of the range of the motion: above the noise of an encoder, below the swings of
-/// a loop that saturates.
-const TURN: f64 = 0.005;
+/// plays from set-points alone. A joint that swings by itself is out of step with such a play.
+pub(super) const HORIZONS_S: [f64; 4] = [0.05, 0.15, 0.5, f64::INFINITY];
 
 /// Errors by series: channel after channel, each run after run.
 pub(super) type Errors = Vec<Vec<f64>>;
@@ -108,31 +103,23 @@ impl Data {
             unit && problem.runs.iter().any(has)
         };
         let channels: Vec<usize> = (0..CHANNELS).filter(used).collect();
+        let row_s = row_s(&problem);
+        let stride = ((1.0 / RATE_HZ) / row_s + 1e-6).floor().max(1.0) as usize;
         let mut out = Self {
+            problem,
+            channels,
             absolute,
-            ..Self::of(problem, channels)
+            stride,
+            weights: Vec::new(),
+            repeated: Vec::new(),
         };
         out.repeated = out
             .channels
             .iter()
             .map(|c| out.spread(&every, &fit, *c))
             .collect();
-        Some(out)
-    }
-
-    /// A joint without repeats, of which these channels were measured.
-    pub(super) fn of(problem: Problem, channels: Vec<usize>) -> Self {
-        let row_s = row_s(&problem);
-        let mut out = Self {
-            repeated: vec![None; channels.len()],
-            problem,
-            channels,
-            absolute: [false; CHANNELS],
-            stride: ((1.0 / RATE_HZ) / row_s + 1e-6).floor().max(1.0) as usize,
-            weights: Vec::new(),
-        };
         out.weights = out.each(|run, channel| out.counts(run, channel));
-        out
+        Some(out)
     }
 
     /// Share of the rows of each average that count.
@@ -149,22 +136,6 @@ impl Data {
         let mut out = self.clone();
         predicted(&mut out.problem, horizon_s);
         out
-    }
-
-    /// Horizons to choose from, s. A joint that a position loop holds is played from its set-points alone. One that swings
-    /// by itself is out of step with such a play, so it is predicted over less than a swing. One without a loop drifts.
-    pub(super) fn horizons_s(&self) -> &'static [f64] {
-        let dt_s = self.problem.dt_s;
-        let least = TURN * self.problem.range;
-        let mut runs = self.problem.runs.iter();
-        let all = HORIZONS_S.as_slice();
-        if runs.clone().any(|r| r.nominal.command != Command::Position) {
-            all
-        } else if runs.any(|r| swings(r, dt_s, least)) {
-            &all[..1]
-        } else {
-            &all[all.len() - 1..]
-        }
     }
 
     /// The horizon over which positions are predicted, s.

@@ -95,8 +95,6 @@ pub(super) struct Hypothesis {
     pub(super) coordinates: Vec<Coordinate>,
     /// Values to start from.
     pub(super) starts: Vec<Vec<f64>>,
-    /// The joint without it.
-    base: Point,
 }
 
 impl Hypothesis {
@@ -112,9 +110,10 @@ impl Hypothesis {
 
     /// Values at which it has no effect, or as little as its bounds allow.
     pub(super) fn neutral(&self) -> Vec<f64> {
+        let neutral = Point::default();
         let all = self.coordinates.iter().zip(&self.starts[0]);
         all.map(|(c, start)| {
-            let value = self.base.get(c.axis);
+            let value = neutral.get(c.axis);
             if value.is_finite() { value } else { *start }
         })
         .collect()
@@ -122,8 +121,9 @@ impl Hypothesis {
 
     /// How far a start is from no effect, in standard deviations of its prior; 1 for a size that has no neutral value.
     fn size(&self, start: &[f64]) -> f64 {
+        let neutral = Point::default();
         let each = self.coordinates.iter().zip(start).map(|(c, v)| {
-            let off = (c.variable(*v) - c.variable(self.base.get(c.axis))) / c.sd;
+            let off = (c.variable(*v) - c.variable(neutral.get(c.axis))) / c.sd;
             if off.is_finite() { off * off } else { 0.0 }
         });
         let size = each.sum::<f64>().sqrt();
@@ -166,8 +166,8 @@ const RATIO: f64 = 0.4;
 const SHAPE: f64 = 0.5;
 
 /// The prior of parameter `k` of a candidate: as wide as its starts.
-fn prior(c: &Candidate, k: usize, free: &Free, start: &[f64], base: &Point) -> (f64, f64) {
-    let neutral = free.to_x(base.params.get(free.p));
+fn prior(c: &Candidate, k: usize, free: &Free, start: &[f64]) -> (f64, f64) {
+    let neutral = free.to_x(crate::joint::Params::neutral(free.p));
     if let Some(t) = free.tolerance {
         return (neutral, t);
     }
@@ -175,7 +175,7 @@ fn prior(c: &Candidate, k: usize, free: &Free, start: &[f64], base: &Point) -> (
         Map::Log if matches!(free.p, P::RipplePeriods | P::StribeckSpeed | P::DerateTime) => {
             (free.to_x(start[k]), SHAPE)
         }
-        Map::Log => (neutral, RATIO),
+        Map::Log => (0.0, RATIO),
         Map::Linear { .. } => {
             let all: Vec<f64> = c.starts.iter().map(|s| free.to_x(s[k])).collect();
             let neutral = if neutral.is_finite() { neutral } else { 0.0 };
@@ -190,7 +190,7 @@ fn limit(p: P) -> bool {
     matches!(p, P::SlewLimit | P::TorqueLimit | P::CurrentLimit)
 }
 
-fn of_candidate(c: &Candidate, start: &[f64], base: &Point) -> Hypothesis {
+fn of_candidate(c: &Candidate, start: &[f64]) -> Hypothesis {
     let mut fixed = Vec::new();
     let mut coordinates = Vec::new();
     let mut moved = Vec::new();
@@ -202,7 +202,7 @@ fn of_candidate(c: &Candidate, start: &[f64], base: &Point) -> Hypothesis {
         let (mean, sd) = if limit(free.p) {
             (free.to_x(start[k]), 0.5 * free.to_x(start[k]))
         } else {
-            prior(c, k, free, start, base)
+            prior(c, k, free, start)
         };
         coordinates.push(Coordinate::of_effect(free, mean, sd));
         moved.push(k);
@@ -213,7 +213,6 @@ fn of_candidate(c: &Candidate, start: &[f64], base: &Point) -> Hypothesis {
         fixed,
         coordinates,
         starts: vec![moved.iter().map(|k| start[*k]).collect()],
-        base: *base,
     }
 }
 
@@ -246,24 +245,16 @@ pub(super) fn library(
             limit(f.p) || matches!(f.p, P::RipplePeriods | P::StribeckSpeed | P::DerateTime)
         };
         if c.free.iter().any(shaped) {
-            out.extend(c.starts.iter().map(|s| of_candidate(&c, s, point)));
+            out.extend(c.starts.iter().map(|s| of_candidate(&c, s)));
         } else if let Some(first) = c.starts.first() {
-            let mut h = of_candidate(&c, first, point);
+            let mut h = of_candidate(&c, first);
             let moving: Vec<usize> = (0..c.free.len()).filter(|k| !c.free[*k].fixed()).collect();
             let one = |s: &Vec<f64>| moving.iter().map(|k| s[*k]).collect();
             h.starts = c.starts.iter().map(one).collect();
             out.push(h);
         }
     }
-    compounds(data, point, &mut out);
-    // What is not stated cannot differ from what is.
-    let unstated: Vec<P> = candidates::nominal(problem)
-        .iter()
-        .filter(|f| f.tolerance.is_none())
-        .map(|f| f.p)
-        .collect();
-    let stated = |a: Axis| !matches!(a, Axis::Joint(p) if unstated.contains(&p));
-    out.retain(|h| h.axes().any(stated));
+    compounds(data, &mut out);
     let known = |e: Effect| !withhold.contains(&e);
     out.retain(|h| match h.kind {
         Kind::One(e) => known(e),
@@ -274,7 +265,7 @@ pub(super) fn library(
     out
 }
 
-fn compounds(data: &Data, base: &Point, out: &mut Vec<Hypothesis>) {
+fn compounds(data: &Data, out: &mut Vec<Hypothesis>) {
     let Some(n) = data.problem.runs.first().map(|r| r.nominal.clone()) else {
         return;
     };
@@ -289,7 +280,6 @@ fn compounds(data: &Data, base: &Point, out: &mut Vec<Hypothesis>) {
             starts: [0.6, 1.25, 1.6, 2.2, 5.0, 15.0]
                 .map(|r| vec![r, 1.0 + 0.8 * (r - 1.0)])
                 .to_vec(),
-            base: *base,
         });
     }
     if n.output == Output::Duty && k.supply.is_some() {
@@ -308,7 +298,6 @@ fn compounds(data: &Data, base: &Point, out: &mut Vec<Hypothesis>) {
             fixed: Vec::new(),
             coordinates: vec![volts, sag],
             starts: vec![vec![0.9, 0.1 * ohm], vec![0.8, 0.3 * ohm]],
-            base: *base,
         });
     }
     for channel in [Channel::Current, Channel::Effort] {
@@ -320,7 +309,6 @@ fn compounds(data: &Data, base: &Point, out: &mut Vec<Hypothesis>) {
                 fixed: Vec::new(),
                 coordinates: vec![Coordinate::ratio(axis, RATIO)],
                 starts: vec![vec![0.7], vec![1.4]],
-                base: *base,
             });
         }
     }
@@ -344,11 +332,11 @@ const WITHIN_ROW: f64 = 0.1;
 const WITHIN_PERIOD: f64 = 0.29;
 
 /// What is stated, within its tolerances, and what joints and recordings are built like, which no data set states.
-pub(super) fn nuisances(data: &Data, base: &Point, cut: bool) -> Vec<Coordinate> {
+pub(super) fn nuisances(data: &Data, cut: bool) -> Vec<Coordinate> {
     let problem = &data.problem;
     let mut out: Vec<Coordinate> = candidates::nominal(problem)
         .iter()
-        .map(|f| Coordinate::nominal(f, base))
+        .map(Coordinate::nominal)
         .collect();
     let position = problem
         .runs
@@ -356,7 +344,7 @@ pub(super) fn nuisances(data: &Data, base: &Point, cut: bool) -> Vec<Coordinate>
         .any(|r| r.nominal.command == Command::Position);
     if position {
         let within = |p, scale: f64, middle: f64, sd: f64| {
-            Coordinate::linear(Axis::Joint(p), scale, [-1e3, 1e3], middle, sd).around(base)
+            Coordinate::linear(Axis::Joint(p), scale, [-1e3, 1e3], middle, sd)
         };
         out.push(within(P::Scale, 0.1, 1.0, SAME_SCALE));
         out.push(within(P::Offset, 0.1, 0.0, SAME_PLACE * problem.range));
@@ -366,7 +354,7 @@ pub(super) fn nuisances(data: &Data, base: &Point, cut: bool) -> Vec<Coordinate>
         let period = problem.runs.first().map_or(0.0, |r| r.nominal.period_s);
         let sd = libm::hypot(share * row, WITHIN_PERIOD * period.max(problem.dt_s));
         let axis = Axis::Joint(P::Delay);
-        out.push(Coordinate::linear(axis, 0.01, [-1.0, 1.0], 0.0, sd).around(base));
+        out.push(Coordinate::linear(axis, 0.01, [-1.0, 1.0], 0.0, sd));
     }
     out
 }

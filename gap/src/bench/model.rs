@@ -55,8 +55,6 @@ pub(super) struct Coordinate {
     /// Prior mean and standard deviation of the variable.
     pub(super) mean: f64,
     pub(super) sd: f64,
-    /// Whether the data set says what it is.
-    pub(super) stated: bool,
 }
 
 /// Standard deviations of what is not stated: a factor of 4.5 for a positive number, thirty typical sizes for another.
@@ -65,7 +63,7 @@ const UNSTATED_LINEAR: f64 = 30.0;
 
 impl Coordinate {
     /// A stated number within its tolerance, or one that is not stated.
-    pub(super) fn nominal(free: &Free, base: &Point) -> Self {
+    pub(super) fn nominal(free: &Free) -> Self {
         let unstated = match free.map {
             Map::Log => UNSTATED_LOG,
             Map::Linear { .. } => UNSTATED_LINEAR,
@@ -75,9 +73,8 @@ impl Coordinate {
             map: free.map,
             low: free.low,
             high: free.high,
-            mean: free.to_x(base.params.get(free.p)),
+            mean: free.to_x(crate::joint::Params::neutral(free.p)),
             sd: free.tolerance.unwrap_or(unstated),
-            stated: free.tolerance.is_some(),
         }
     }
 
@@ -90,7 +87,6 @@ impl Coordinate {
             high: free.high,
             mean,
             sd,
-            stated: true,
         }
     }
 
@@ -109,15 +105,6 @@ impl Coordinate {
             high,
             mean: mean / scale,
             sd: sd / scale,
-            stated: true,
-        }
-    }
-
-    /// The same around what a joint is like.
-    pub(super) fn around(self, base: &Point) -> Self {
-        Self {
-            mean: self.variable(base.get(self.axis)),
-            ..self
         }
     }
 
@@ -130,7 +117,6 @@ impl Coordinate {
             high: 1e3,
             mean: 0.0,
             sd,
-            stated: true,
         }
     }
 

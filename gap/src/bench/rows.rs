@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::data::Data;
-use super::diagnosis::HeldOut;
 use super::library::{Hypothesis, Kind};
 use super::search::Set;
 use super::{Explained, shown};
@@ -44,9 +43,6 @@ pub struct Causes {
     pub causes: Vec<Row>,
     /// None and unknown.
     pub probabilities: Probabilities,
-    /// How far the gap shrinks on runs that no fit saw.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub held_out: Option<HeldOut>,
     /// Keys of `dataset.toml` without which no cause can be named.
     pub to_state: Vec<&'static str>,
     /// Chance that a joint without a cause leaves as much.
@@ -128,7 +124,6 @@ impl Causes {
                 none: 0.0,
                 unknown: 1.0,
             },
-            held_out: None,
             to_state: missing,
             remainder_p: None,
             least_evidence: calibration.ask(&Shown::default()),
@@ -274,13 +269,6 @@ impl Explained<'_> {
         }
     }
 
-    /// Causes that a signal shows by itself and that have the evidence that is asked.
-    pub(super) fn named(&self, calibration: &Calibration) -> Vec<Read> {
-        let asked = |r: &Read| calibration.ask(&shown(&self.data, Kind::One(r.effect)));
-        let read = self.transport.read.iter();
-        read.filter(|r| r.evidence > asked(r)).copied().collect()
-    }
-
     /// Causes in words and numbers, decided by `calibration`.
     pub(super) fn rows(&self, calibration: &Calibration) -> Causes {
         let members = 0..self.found.best.members.len();
@@ -290,13 +278,14 @@ impl Explained<'_> {
                 (self.row(i, calibration), kind.plain())
             })
             .collect();
-        let strong = self.named(calibration);
-        let strong = strong.iter();
+        let read = self.transport.read.iter();
+        let asked = |r: &Read| calibration.ask(&shown(&self.data, Kind::One(r.effect)));
+        let strong = read.filter(|r| r.evidence > asked(r));
         let row = |r: &Read| (r.row(&self.data, calibration), r.effect.plain().to_owned());
         named.extend(strong.map(row));
         named.sort_by(|a, b| b.0.evidence.total_cmp(&a.0.evidence));
         let (causes, plain): (Vec<Row>, Vec<String>) = named.into_iter().unzip();
-        let remainder_p = self.remainder.p_value(calibration);
+        let remainder_p = calibration.remainder_p(self.remainder.ratio);
         let more = remainder_p < LEVEL;
         let ordinary = remainder_p >= ORDINARY;
         let verdict = match causes.first() {
@@ -323,7 +312,6 @@ impl Explained<'_> {
             sentence: sentence(verdict, &plain, more),
             causes,
             probabilities: Probabilities { none, unknown },
-            held_out: None,
             to_state: Vec::new(),
             remainder_p: Some(remainder_p),
             least_evidence: self.least(calibration),

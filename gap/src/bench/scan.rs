@@ -107,7 +107,7 @@ impl Search<'_> {
     /// What healthy joints differ by along the members of a set.
     fn differs(&self, data: &Data, set: &Set) -> Vec<Direction> {
         let here = set.fit.point();
-        let neutral = self.base;
+        let neutral = Point::default();
         let members = set.members.iter().map(|m| &self.hypotheses[*m]);
         let mut points = Vec::new();
         let mut healthy = Vec::new();

@@ -1,24 +1,23 @@
 //! Sets of causes by their evidence: of all hypotheses scanned around a fit the best are fitted, one more at a time.
 
-mod exchange;
-mod start;
-
 use std::collections::BTreeMap;
 
-use super::Asked;
-use super::data::Data;
+use super::data::{Data, HORIZONS_S};
 use super::fit::Fit;
 use super::library::{Hypothesis, Kind, SITE, library, nuisances};
 use super::model::{Axis, Coordinate, Model, Point};
 use super::noise::Noise;
 use super::scan::Scanned;
+use crate::decide::CLASS;
 use crate::evidence::ensemble::{Spreads, kind};
-use crate::vocabulary::Stage;
+use crate::vocabulary::{Effect, Stage};
 
 /// Hypotheses that are fitted of those that were scanned.
 const FITTED: usize = 8;
 /// Sets of those that grew, best first, that are weighed under the noise they leave.
 const TRIED: usize = 3;
+/// Rivals that are tried in the place of members.
+const EXCHANGES: usize = 8;
 /// Rounds in which the fit without a cause may move.
 const ROUNDS: usize = 3;
 /// Half of the squares that a hypothesis must gain to lead the fit without a cause elsewhere.
@@ -61,8 +60,6 @@ pub(super) struct Found {
     pub(super) best: Set,
     /// Evidence that each member adds.
     pub(super) gains: Vec<f64>,
-    /// The joint without each member.
-    pub(super) without: Vec<Point>,
     /// Rivals of each member, nearest first.
     pub(super) rivals: Vec<Vec<Rival>>,
     /// The cause of those that were not taken which comes nearest to what is asked of it, and what it adds.
@@ -102,9 +99,7 @@ pub(super) struct Search<'a> {
     nuisances: Vec<Coordinate>,
     pub(super) noise: Noise,
     log_prior: f64,
-    pub(super) base: Point,
-    /// The same with what is not stated where it fits best.
-    pub(super) start: Point,
+    base: Point,
     /// What healthy joints differ by.
     pub(super) spreads: &'a Spreads,
     /// By what share the laws of causes are off, by stage.
@@ -114,12 +109,12 @@ pub(super) struct Search<'a> {
 }
 
 impl<'a> Search<'a> {
-    pub(super) fn new(data: &Data, asked: &Asked<'_>, cut: bool, known: Known<'a>) -> Self {
+    pub(super) fn new(data: &Data, withhold: &[Effect], cut: bool, known: Known<'a>) -> Self {
         let base = Point::default();
-        let nuisances = nuisances(data, &base, cut);
+        let nuisances = nuisances(data, cut);
         let errors = data.errors(&[base]).remove(0);
         let noise = Noise::new(data, &errors, &[], MODEL_ERROR);
-        let hypotheses = library(data, &base, asked.withhold, cut);
+        let hypotheses = library(data, &base, withhold, cut);
         let mut kinds: Vec<Kind> = Vec::new();
         for h in &hypotheses {
             if !kinds.contains(&h.kind) {
@@ -132,44 +127,35 @@ impl<'a> Search<'a> {
             noise,
             log_prior: libm::log(EXPECTED / kinds.len().max(1) as f64),
             base,
-            start: base,
             spreads: known.spreads,
             laws: known.laws,
             tried: Vec::new(),
         }
     }
 
-    /// The data over the horizon of theirs at which they are likeliest, and a search of them.
+    /// The data over the horizon at which they are likeliest, and a search of them.
     ///
     /// Each row's error is its own value less what those before predict, so likelihoods of two horizons are of the same
     /// data (prediction-error decomposition: Schweppe 1965). All hypotheses explain what they can of each.
     pub(super) fn likeliest(
         data: &Data,
-        asked: &Asked<'_>,
+        withhold: &[Effect],
         cut: bool,
         known: Known<'a>,
     ) -> (Data, Self) {
         let over = |horizon_s| {
             let data = data.over(horizon_s);
-            let mut own = Self::new(&data, asked, cut, known);
-            own.start = own.scattered(&data);
-            let errors = data.errors(&[own.start]).remove(0);
-            own.noise = Noise::new(&data, &errors, &[], MODEL_ERROR);
-            let bare = own.fitted(&data, Vec::new(), &own.start.clone(), RANKS);
+            let mut own = Self::new(&data, withhold, cut, known);
+            let bare = own.fitted(&data, Vec::new(), &own.base.clone(), RANKS);
             let all = own.scan_all(&data, &bare);
             own.thin(&all);
             let scanned = own.scan(&data, &bare);
             own.listen(&data, &bare, &scanned, 0);
             (own.noise.log_likelihood(), data, own)
         };
-        let (first, rest) = match data.horizons_s() {
-            [first, rest @ ..] => (*first, rest),
-            [] => (f64::INFINITY, [].as_slice()),
-        };
-        let (_, data, own) = rest
-            .iter()
-            .map(|h| over(*h))
-            .fold(over(first), |a, b| if b.0 > a.0 { b } else { a });
+        let [first, rest @ ..] = HORIZONS_S.map(over);
+        let likelier = |a: (f64, Data, Self), b: (f64, Data, Self)| if b.0 > a.0 { b } else { a };
+        let (_, data, own) = rest.into_iter().fold(first, likelier);
         (data, own)
     }
 
@@ -256,7 +242,7 @@ impl<'a> Search<'a> {
     /// Sets of one cause, fitted from what is stated. From the fit without a cause a search may not come back: its
     /// numbers imitate what they can of a large cause.
     fn stated(&self, data: &Data) -> Vec<Set> {
-        let stated = self.fitted(data, Vec::new(), &self.start, 0);
+        let stated = self.fitted(data, Vec::new(), &self.base, 0);
         let scanned = self.scan(data, &stated);
         self.grown(data, &stated, &scanned)
     }
@@ -349,7 +335,7 @@ impl<'a> Search<'a> {
     /// The fit without a cause, under the noise that all hypotheses together leave; from where the best of them lead
     /// too, so that it stands in no hollow that any of them would leave.
     pub(super) fn bare(&mut self, data: &Data) -> Set {
-        let mut best = self.fitted(data, Vec::new(), &self.start.clone(), STAYS);
+        let mut best = self.fitted(data, Vec::new(), &self.base.clone(), STAYS);
         for _ in 0..ROUNDS {
             let scanned = self.scan(data, &best);
             self.listen(data, &best, &scanned, 0);
@@ -408,6 +394,93 @@ impl<'a> Search<'a> {
             next,
             ..self.exchanged(data, best, last, ask)
         }
+    }
+
+    /// Every member against all others in its place, the other members known; `last` is the set as it grew last.
+    fn exchanged(&mut self, data: &Data, best: Set, last: Option<Weighed>, ask: Ask<'_>) -> Found {
+        let (mut best, mut last) = (best, last);
+        let (mut gains, mut rivals) = (Vec::new(), Vec::new());
+        let mut exchanges = 0;
+        while gains.len() < best.members.len() {
+            let at = gains.len();
+            let grew = last.take_if(|w| at + 1 == w.with.members.len());
+            let weighed = grew.unwrap_or_else(|| self.member(data, &best, at));
+            if self.above(&weighed.with, ask) <= self.above(&weighed.without, ask) {
+                best = self.settled(data, &weighed.without);
+                (last, gains, rivals) = (None, Vec::new(), Vec::new());
+                continue;
+            }
+            self.noise = weighed.noise.clone();
+            let bare = &weighed.without;
+            let mut others = self.grown(data, bare, &self.scan(data, bare));
+            let kind = |s: &Set| s.members.last().map(|m| self.hypotheses[*m].kind);
+            let own = kind(&weighed.with);
+            let rival = others.iter().position(|s| kind(s) != own);
+            if let Some(at) = rival.filter(|_| exchanges < EXCHANGES) {
+                exchanges += 1;
+                others[at] = self.closest(data, &others[at], &weighed.with);
+                if let Some(other) = self.beats(data, &others[at], &weighed, ask) {
+                    best = other.with.clone();
+                    self.noise = other.noise.clone();
+                    (last, gains, rivals) = (Some(other), Vec::new(), Vec::new());
+                    continue;
+                }
+            }
+            gains.push(weighed.adds());
+            rivals.push(self.rivals(&weighed.with, &others));
+        }
+        Found {
+            best,
+            gains,
+            rivals,
+            next: None,
+        }
+    }
+
+    /// A member of a set, weighed as if it had come last.
+    fn member(&mut self, data: &Data, set: &Set, at: usize) -> Weighed {
+        let mut with = set.clone();
+        let own = with.members.remove(at);
+        let bare = self.fitted(data, with.members.clone(), &set.fit.point(), STAYS);
+        with.members.push(own);
+        self.larger(data, &bare, &with)
+    }
+
+    /// A rival, fitted as far as the set in whose place it would stand, from there too.
+    fn closest(&self, data: &Data, rival: &Set, set: &Set) -> Set {
+        let own = self.fitted(data, rival.members.clone(), &rival.fit.point(), STAYS);
+        self.better(data, own, &set.fit.point())
+    }
+
+    /// A rival that is to stand in the place of the last member of a set, as it is weighed. It has more evidence under
+    /// the noise of the set, or a likelihood under its own that is no chance of two noises.
+    fn beats(&mut self, data: &Data, rival: &Set, set: &Weighed, ask: Ask<'_>) -> Option<Weighed> {
+        let bar = set.total() + CLASS;
+        let likelier = rival.evidence > set.with.evidence;
+        let explains = rival.evidence > set.without.evidence;
+        let may = likelier || (explains && self.may_beat(rival, bar));
+        if !may {
+            return None;
+        }
+        let other = self.larger(data, &set.without, rival);
+        self.tried.push((rival.members.clone(), other.total()));
+        let stands = self.above(&other.with, ask) > self.above(&other.without, ask);
+        (stands && (likelier || other.total() > bar)).then_some(other)
+    }
+
+    /// What could stand in the place of the last member.
+    fn rivals(&self, set: &Set, others: &[Set]) -> Vec<Rival> {
+        let kind = |m: usize| self.hypotheses[m].kind;
+        let own = set.members.last().map(|m| kind(*m));
+        let last = others
+            .iter()
+            .filter_map(|s| Some((*s.members.last()?, s.evidence)));
+        last.filter(|(m, _)| Some(kind(*m)) != own)
+            .map(|(hypothesis, evidence)| Rival {
+                hypothesis,
+                margin: set.evidence - evidence,
+            })
+            .collect()
     }
 }
 

@@ -27,16 +27,21 @@ impl Transport {
         withhold: &[Effect],
         error: f64,
     ) -> Self {
+        let mut cut = recordings.to_vec();
         let echoed = recordings.iter().all(|r| echo(r).is_some());
         let read = Problem::new(manifest, recordings, 0)
             .filter(|_| echoed)
             .and_then(|p| irregular(&p, error))
             .filter(|r| !withhold.contains(&r.effect));
-        let cut = if read.is_some() {
-            as_applied(recordings)
-        } else {
-            recordings.to_vec()
-        };
+        if read.is_some() {
+            for r in &mut cut {
+                let applied = echo(r);
+                if let Some(j) = r.joint_mut(0) {
+                    j.set(Signal::Setpoint, applied);
+                    j.set(Signal::AppliedSetpoint, None);
+                }
+            }
+        }
         Self {
             cut,
             echoed,
@@ -55,19 +60,6 @@ impl Transport {
     pub(super) fn cut_off(&self) -> bool {
         self.irregular
     }
-}
-
-/// Recordings whose set-points are those that the driver echoes.
-pub(super) fn as_applied(recordings: &[Recording]) -> Vec<Recording> {
-    let mut out = recordings.to_vec();
-    for r in &mut out {
-        let applied = echo(r);
-        if let Some(j) = r.joint_mut(0).filter(|_| applied.is_some()) {
-            j.set(Signal::Setpoint, applied);
-            j.set(Signal::AppliedSetpoint, None);
-        }
-    }
-    out
 }
 
 fn echo(r: &Recording) -> Option<Vec<f64>> {
