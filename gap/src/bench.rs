@@ -184,7 +184,7 @@ pub fn name_causes(
         withhold,
         calibration: Some(calibration),
     };
-    let missing = stated::missing(&manifest.bench);
+    let missing = stated::missing(manifest);
     if !missing.is_empty() {
         return Ok(Causes::too_little(missing, calibration));
     }

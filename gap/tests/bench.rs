@@ -65,6 +65,30 @@ fn what_was_planted_is_named_with_its_size() {
     }
 }
 
+/// A current of a known motor is its torque, so either limit explains the other: by evidence they differ by what their
+/// priors do, some nats. A rival that stays where its limit acts too little is off by a hundred.
+#[test]
+fn a_rival_of_a_limit_is_fitted_as_far_as_the_limit() {
+    let limits = ["torque_limit", "current_limit"];
+    let params = Params::default().with(P::TorqueLimit, 1.2);
+    let (manifest, mut recordings) = common::data(&params, 3);
+    for r in &mut recordings {
+        let joint = r.joint_mut(0).expect("one joint");
+        for s in [Signal::Current, Signal::Duty, Signal::LinkPosition] {
+            joint.set(s, None);
+        }
+    }
+    let found = name_causes(&manifest, &recordings, &[], &calibration()).expect("positions");
+    assert_eq!(found.causes.len(), 1, "{found:?}");
+    let row = &found.causes[0];
+    let named = limits.iter().position(|l| row.effect == Some(l));
+    let named = named.expect("a limit is named");
+    let other = row.alternatives.iter();
+    let other = other.filter(|a| a.effect == Some(limits[1 - named]));
+    let margins: Vec<f64> = other.map(|a| a.margin).collect();
+    assert!(margins.len() == 1 && margins[0] < 10.0, "{margins:?}");
+}
+
 #[test]
 fn withheld_effects_are_not_named() {
     let params = Params::default().with(P::Delay, 0.04);
@@ -80,8 +104,10 @@ fn withheld_effects_are_not_named() {
 #[test]
 fn too_little_stated_is_an_answer_with_the_list_of_what_to_state() {
     let (mut manifest, recordings) = common::data(&Params::default(), 3);
-    manifest.bench.inertia = None;
-    manifest.bench.controller.kp = None;
+    for run in &mut manifest.runs {
+        run.bench.inertia = None;
+        run.bench.controller.kp = None;
+    }
     let found = name_causes(&manifest, &recordings, &[], &calibration()).expect("positions");
     assert_eq!(found.verdict, Word::Unknown);
     assert_eq!(

@@ -203,15 +203,24 @@ impl Noise {
     }
 }
 
+/// Sums that are taken side by side.
+const SIDES: usize = 8;
+
 fn inner(a: &Errors, b: &Errors, weights: &Errors) -> f64 {
-    let mut out = 0.0;
-    for ((a, b), w) in a.iter().zip(b).zip(weights) {
-        out += a
-            .iter()
-            .zip(b)
-            .zip(w)
-            .map(|((a, b), w)| w * a * b)
-            .sum::<f64>();
+    let series = a.iter().zip(b).zip(weights);
+    series.map(|((a, b), w)| inner_of(a, b, w)).sum()
+}
+
+fn inner_of(a: &[f64], b: &[f64], w: &[f64]) -> f64 {
+    let (a, a_rest) = a.as_chunks::<SIDES>();
+    let (b, b_rest) = b.as_chunks::<SIDES>();
+    let (w, w_rest) = w.as_chunks::<SIDES>();
+    let mut sums = [0.0; SIDES];
+    for ((a, b), w) in a.iter().zip(b).zip(w) {
+        for i in 0..SIDES {
+            sums[i] += w[i] * a[i] * b[i];
+        }
     }
-    out
+    let rest = a_rest.iter().zip(b_rest).zip(w_rest);
+    sums.iter().sum::<f64>() + rest.map(|((a, b), w)| w * a * b).sum::<f64>()
 }

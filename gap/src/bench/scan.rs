@@ -29,6 +29,12 @@ impl Search<'_> {
     /// Every hypothesis around a set at its best start, best first, one a kind and way.
     pub(super) fn scan(&self, data: &Data, set: &Set) -> Vec<Scanned> {
         let mut all = self.scan_all(data, set);
+        self.one_a_way(&mut all);
+        all
+    }
+
+    /// Leaves of each kind and way the best.
+    pub(super) fn one_a_way(&self, all: &mut Vec<Scanned>) {
         let mut seen = Vec::new();
         all.retain(|s| {
             let h = &self.hypotheses[s.hypothesis];
@@ -39,7 +45,6 @@ impl Search<'_> {
             }
             new
         });
-        all
     }
 
     /// Leaves of many starts those that gain most.

@@ -18,6 +18,8 @@ const FITTED: usize = 8;
 const TRIED: usize = 3;
 /// Rivals that are tried in the place of members.
 const EXCHANGES: usize = 8;
+/// Rivals that are fitted from where the set stands.
+const SWAPPED: usize = 4;
 /// Rounds in which the fit without a cause may move.
 const ROUNDS: usize = 3;
 /// Half of the squares that a hypothesis must gain to lead the fit without a cause elsewhere.
@@ -147,9 +149,9 @@ impl<'a> Search<'a> {
             let data = data.over(horizon_s);
             let mut own = Self::new(&data, withhold, cut, known);
             let bare = own.fitted(&data, Vec::new(), &own.base.clone(), RANKS);
-            let all = own.scan_all(&data, &bare);
-            own.thin(&all);
-            let scanned = own.scan(&data, &bare);
+            let mut scanned = own.scan_all(&data, &bare);
+            own.thin(&scanned);
+            own.one_a_way(&mut scanned);
             own.listen(&data, &bare, &scanned, 0);
             (own.noise.log_likelihood(), data, own)
         };
@@ -413,6 +415,9 @@ impl<'a> Search<'a> {
             self.noise = weighed.noise.clone();
             let bare = &weighed.without;
             let mut others = self.grown(data, bare, &self.scan(data, bare));
+            others.extend(self.swapped(data, &weighed.with));
+            others.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+            self.one_a_kind(&mut others);
             let kind = |s: &Set| s.members.last().map(|m| self.hypotheses[*m].kind);
             let own = kind(&weighed.with);
             let rival = others.iter().position(|s| kind(s) != own);
@@ -444,6 +449,51 @@ impl<'a> Search<'a> {
         let bare = self.fitted(data, with.members.clone(), &set.fit.point(), STAYS);
         with.members.push(own);
         self.larger(data, &bare, &with)
+    }
+
+    /// Sets with another cause in the place of the last member, fitted from where the set stands: one that is fitted
+    /// without the member imitates it with all other numbers, and a rival may not come back from there.
+    fn swapped(&self, data: &Data, set: &Set) -> Vec<Set> {
+        let mut members = set.members.clone();
+        let Some(own) = members.pop() else {
+            return Vec::new();
+        };
+        let own = &self.hypotheses[own];
+        let mut here = set.fit.point();
+        own.axes().for_each(|a| here.set(a, self.base.get(a)));
+        let other =
+            |h: &usize| self.hypotheses[*h].kind != own.kind && self.compatible(&members, *h);
+        let all = (0..self.hypotheses.len()).filter(other);
+        let starts: Vec<(usize, Point)> = all
+            .flat_map(|h| {
+                let own = &self.hypotheses[h];
+                own.starts.iter().map(move |s| (h, own.on(&here, s)))
+            })
+            .collect();
+        let points: Vec<Point> = starts.iter().map(|s| s.1).collect();
+        let mut costs: Vec<(f64, usize)> = data
+            .errors(&points)
+            .iter()
+            .map(|e| self.noise.left(&self.noise.white(e)).0)
+            .zip(0..)
+            .collect();
+        costs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut kinds = Vec::new();
+        costs.retain(|(_, i)| {
+            let kind = self.hypotheses[starts[*i].0].kind;
+            let new = !kinds.contains(&kind);
+            kinds.push(kind);
+            new
+        });
+        costs
+            .iter()
+            .take(SWAPPED)
+            .map(|(_, i)| {
+                let (h, start) = &starts[*i];
+                let with = members.iter().copied().chain([*h]);
+                self.fitted(data, with.collect(), start, RANKS)
+            })
+            .collect()
     }
 
     /// A rival, fitted as far as the set in whose place it would stand, from there too.
