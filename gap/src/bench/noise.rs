@@ -40,7 +40,12 @@ pub(super) struct Seen {
 impl Noise {
     /// From what `directions` together leave of `errors`; `error` is the model error in any one direction, as a share
     /// of the noise, which no number of rows averages away.
-    pub(super) fn new(data: &Data, errors: &Errors, directions: &[Direction], error: f64) -> Self {
+    pub(super) fn new(
+        data: &Data<'_>,
+        errors: &Errors,
+        directions: &[Direction],
+        error: f64,
+    ) -> Self {
         let columns: Vec<Column> = directions
             .iter()
             .map(|d| Column {
@@ -83,6 +88,42 @@ impl Noise {
         let rows: f64 = out.weights.iter().flatten().sum();
         out.count = 1.0 / (1.0 + rows * error * error);
         out.with_healthy(directions)
+    }
+
+    /// White noise as large as `errors`, which are alike for half a second: for fits that are to be played from set-points
+    /// alone, whatever of the joint no model has.
+    pub(super) fn plain(data: &Data<'_>, errors: &Errors) -> Self {
+        let mut out = Self {
+            filters: Vec::new(),
+            count: 1.0,
+            weights: data.weights.clone(),
+            channel: Vec::new(),
+            healthy: Vec::new(),
+            factor: Vec::new(),
+        };
+        for k in 0..data.channels.len() {
+            let own = data.series(k);
+            let (mut squares, mut rows) = (0.0, 0.0);
+            for s in own.clone() {
+                let each = errors[s].iter().zip(&data.weights[s]);
+                squares += each.map(|(e, w)| w * e * e).sum::<f64>();
+                rows += data.weights[s].iter().sum::<f64>();
+            }
+            let noise = (squares / f64::max(rows, 1.0)).sqrt();
+            out.filters
+                .push(Whitening::plain(libm::hypot(noise, data.floor(k))));
+            out.channel.extend(own.map(|_| k));
+        }
+        let seconds = data
+            .problem
+            .runs
+            .iter()
+            .map(|r| r.steps as f64)
+            .sum::<f64>()
+            * data.problem.dt_s;
+        let rows = out.weights.iter().flatten().sum::<f64>() / data.channels.len().max(1) as f64;
+        out.count = (2.0 * seconds / f64::max(rows, 1.0)).min(1.0);
+        out
     }
 
     fn with_healthy(mut self, directions: &[Direction]) -> Self {
@@ -203,15 +244,24 @@ impl Noise {
     }
 }
 
+/// Sums that are taken side by side.
+const SIDES: usize = 8;
+
 fn inner(a: &Errors, b: &Errors, weights: &Errors) -> f64 {
-    let mut out = 0.0;
-    for ((a, b), w) in a.iter().zip(b).zip(weights) {
-        out += a
-            .iter()
-            .zip(b)
-            .zip(w)
-            .map(|((a, b), w)| w * a * b)
-            .sum::<f64>();
+    let series = a.iter().zip(b).zip(weights);
+    series.map(|((a, b), w)| inner_of(a, b, w)).sum()
+}
+
+fn inner_of(a: &[f64], b: &[f64], w: &[f64]) -> f64 {
+    let (a, a_rest) = a.as_chunks::<SIDES>();
+    let (b, b_rest) = b.as_chunks::<SIDES>();
+    let (w, w_rest) = w.as_chunks::<SIDES>();
+    let mut sums = [0.0; SIDES];
+    for ((a, b), w) in a.iter().zip(b).zip(w) {
+        for i in 0..SIDES {
+            sums[i] += w[i] * a[i] * b[i];
+        }
     }
-    out
+    let rest = a_rest.iter().zip(b_rest).zip(w_rest);
+    sums.iter().sum::<f64>() + rest.map(|((a, b), w)| w * a * b).sum::<f64>()
 }

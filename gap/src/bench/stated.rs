@@ -1,9 +1,21 @@
 //! What a data set must state before a cause can be named.
 
-use files::dataset::{Bench, Command, ControllerKind, Output};
+use files::dataset::{Bench, Command, ControllerKind, Manifest, Output};
 
-/// Keys that are missing, each as it is written in `dataset.toml`; empty where enough is stated.
-pub(super) fn missing(b: &Bench) -> Vec<&'static str> {
+/// Keys that are missing of any run, each as it is written in `dataset.toml`; empty where enough is stated.
+pub(crate) fn missing(manifest: &Manifest) -> Vec<&'static str> {
+    let mut out = Vec::new();
+    for run in &manifest.runs {
+        for key in of_bench(&run.bench) {
+            if !out.contains(&key) {
+                out.push(key);
+            }
+        }
+    }
+    out
+}
+
+fn of_bench(b: &Bench) -> Vec<&'static str> {
     let mut out = Vec::new();
     if b.command != Command::Position {
         if b.inertia.is_none() {

@@ -159,6 +159,7 @@ impl Memory {
     }
 
     /// As if the joint had come to be elsewhere evenly over the last `steps` steps.
+    #[inline(always)]
     pub(super) fn shift<F: Lane>(&mut self, by: F, steps: f64, dt_s: f64) {
         let n = self.history.len();
         let speed = by * F::splat(1.0 / (steps * dt_s));
