@@ -104,10 +104,9 @@ fn withheld_effects_are_not_named() {
 #[test]
 fn too_little_stated_is_an_answer_with_the_list_of_what_to_state() {
     let (mut manifest, recordings) = common::data(&Params::default(), 3);
-    for run in &mut manifest.runs {
-        run.bench.inertia = None;
-        run.bench.controller.kp = None;
-    }
+    // One run lacks the one, another the other.
+    manifest.runs[0].bench.controller.kp = None;
+    manifest.runs[1].bench.inertia = None;
     let found = name_causes(&manifest, &recordings, &[], &calibration()).expect("positions");
     assert_eq!(found.verdict, Word::Unknown);
     assert_eq!(

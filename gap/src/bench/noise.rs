@@ -2,7 +2,7 @@
 
 use super::data::{Data, Errors};
 use crate::evidence::block::{Column, Segment};
-use crate::evidence::linear::{backward, cholesky, dot, forward, log_determinant};
+use crate::evidence::linear::{backward, cholesky, dot, forward, log_determinant, weighted_dot};
 use crate::evidence::noise::{HUBER, Whitening};
 
 /// Order of the autoregression that whitens: 60 ms at 100 Hz.
@@ -203,24 +203,7 @@ impl Noise {
     }
 }
 
-/// Sums that are taken side by side.
-const SIDES: usize = 8;
-
 fn inner(a: &Errors, b: &Errors, weights: &Errors) -> f64 {
     let series = a.iter().zip(b).zip(weights);
-    series.map(|((a, b), w)| inner_of(a, b, w)).sum()
-}
-
-fn inner_of(a: &[f64], b: &[f64], w: &[f64]) -> f64 {
-    let (a, a_rest) = a.as_chunks::<SIDES>();
-    let (b, b_rest) = b.as_chunks::<SIDES>();
-    let (w, w_rest) = w.as_chunks::<SIDES>();
-    let mut sums = [0.0; SIDES];
-    for ((a, b), w) in a.iter().zip(b).zip(w) {
-        for i in 0..SIDES {
-            sums[i] += w[i] * a[i] * b[i];
-        }
-    }
-    let rest = a_rest.iter().zip(b_rest).zip(w_rest);
-    sums.iter().sum::<f64>() + rest.map(|((a, b), w)| w * a * b).sum::<f64>()
+    series.map(|((a, b), w)| weighted_dot(w, a, b)).sum()
 }

@@ -16,6 +16,20 @@ pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     sums.iter().sum::<f64>() + last
 }
 
+/// Scalar product of two rows whose elements have weights, all of one length.
+#[must_use]
+pub fn weighted_dot(w: &[f64], a: &[f64], b: &[f64]) -> f64 {
+    let (v, last_v) = w.as_chunks::<LANES>();
+    let (x, last_x) = a.as_chunks::<LANES>();
+    let (y, last_y) = b.as_chunks::<LANES>();
+    let mut sums = [0.0; LANES];
+    for ((v, x), y) in v.iter().zip(x).zip(y) {
+        sums = std::array::from_fn(|i| sums[i] + v[i] * x[i] * y[i]);
+    }
+    let last = last_v.iter().zip(last_x).zip(last_y);
+    sums.iter().sum::<f64>() + last.map(|((v, x), y)| v * x * y).sum::<f64>()
+}
+
 /// Lower Cholesky factor of a symmetric positive matrix of `n` rows; a pivot below `1e-12` of its diagonal is
 /// lifted to that.
 #[must_use]
