@@ -193,6 +193,34 @@ fn a_load_behind_play_hangs_at_its_edge_and_meets_the_rotor_after_it() {
     assert!((apart - 0.05).abs() < 2e-3, "{apart}");
 }
 
+/// A set-point `a t^2 / 2` keeps a loop of gains `kp` and `kd` behind by `(J a + kd v) / kp` with the speed `v` that it
+/// sees: a speed that is late by `d` takes `kd a d / kp` off, whatever holds and samples.
+#[test]
+fn a_speed_is_seen_as_late_as_its_delay_says_by_a_slow_controller_too() {
+    const A: f64 = 2.0;
+    let (kp, kd, period_s) = (10.0, 0.3, 0.005);
+    let p = run(
+        &format!(
+            "inertia_kg_m2 = 0.02\n[bench.controller]\nkind = \"pid\"\noutput = \"effort\"\nkp = {kp}\nkd = {kd}\nlimit = 100.0\nperiod_s = {period_s}"
+        ),
+        &rows(1000, 0.002, 0.0, 1, |t| 0.5 * A * t * t),
+    );
+    let end = |periods: f64| {
+        let mut trace = Trace::new();
+        let late = Params::default().with(P::SpeedDelay, periods);
+        simulate(&p.runs[0], &late, p.dt_s, &mut trace);
+        trace[trace.len() - 1][0]
+    };
+    for periods in [1.0, 2.0, 2.5] {
+        let ahead = end(periods) - end(0.5);
+        let want = kd * A * (periods - 0.5) * period_s / kp;
+        assert!(
+            (ahead - want).abs() < 0.02 * want,
+            "{periods}: {ahead} of {want}"
+        );
+    }
+}
+
 fn quick() -> Settings {
     Settings {
         options: Options {
