@@ -44,15 +44,7 @@ impl Tail {
         let middle = math::median(evidence);
         Self {
             middle,
-            reach: math::mean(&sorted[..top]) - middle,
-        }
-    }
-
-    /// The same with a reach that is farther by so much, and at least 1.
-    fn farther(self, by: f64) -> Self {
-        Self {
-            reach: (self.reach + by).max(1.0),
-            ..self
+            reach: (math::mean(&sorted[..top]) - middle).max(1.0),
         }
     }
 
@@ -79,12 +71,8 @@ fn others<T>(all: &[T], i: usize) -> Vec<&T> {
     other.map(|o| o.1).collect()
 }
 
-/// Shares of the mean reach of all effects that the reach of each may have beside its own: an effect that few robots
-/// show any of may be shown by the next one.
-const SHARED: [f64; 5] = [0.0, 0.5, 1.0, 2.0, 4.0];
-
-/// Tails of every effect, and by what shows it where enough robots have that; `shared` is of [`SHARED`].
-fn tails(robots: &[&BTreeMap<Shown, f64>], shared: f64) -> BTreeMap<String, Tail> {
+/// Tails of every effect, and by what shows it where enough robots have that.
+fn tails(robots: &[&BTreeMap<Shown, f64>]) -> BTreeMap<String, Tail> {
     let mut values: BTreeMap<String, Vec<f64>> = BTreeMap::new();
     let mut effects = BTreeSet::new();
     for (shown, evidence) in robots.iter().copied().flatten() {
@@ -96,12 +84,8 @@ fn tails(robots: &[&BTreeMap<Shown, f64>], shared: f64) -> BTreeMap<String, Tail
     let all = values
         .into_iter()
         .filter(|(key, v)| v.len() >= LEAST || effects.contains(key.as_str()));
-    let mut tails: BTreeMap<String, Tail> = all.map(|(k, v)| (k, Tail::of(&v))).collect();
-    let each = effects.iter().filter_map(|e| tails.get(*e));
-    let reaches: Vec<f64> = each.map(|t| t.reach).collect();
-    let more = shared * math::mean(&reaches);
-    tails.values_mut().for_each(|t| *t = t.farther(more));
-    tails
+    all.map(|(key, evidence)| (key, Tail::of(&evidence)))
+        .collect()
 }
 
 /// Tails of what is left in blocks, dB, by kinds that enough robots have.
@@ -118,7 +102,7 @@ fn lefts(robots: &[&Vec<(String, f64)>]) -> BTreeMap<String, Tail> {
     }
     let enough = values.into_iter().filter(|v| v.1.0 >= LEAST);
     enough
-        .map(|(kind, (_, all))| (kind.to_owned(), Tail::of(&all).farther(0.0)))
+        .map(|(kind, (_, all))| (kind.to_owned(), Tail::of(&all)))
         .collect()
 }
 
@@ -252,8 +236,7 @@ impl Calibration {
     }
 
     /// From the largest evidence of every effect of robots without a cause. Each is taken in units of the tails of the
-    /// others, as that of a robot to come will be: in its own tail no value stands out. The reach of each effect has a share
-    /// of the mean reach of all, the one with which the least is asked of what robots showed (mean of logarithms).
+    /// others, as that of a robot to come will be: in its own tail no value stands out.
     ///
     /// # Errors
     /// Too few robots.
@@ -262,26 +245,15 @@ impl Calibration {
         command: &str,
         source: &str,
     ) -> Result<Self, CalibrationError> {
-        let with = |shared: f64| {
-            let one = |(i, robot): (usize, &BTreeMap<Shown, f64>)| {
-                let tails = tails(&others(robots, i), shared);
-                let standard = robot.iter().map(|(s, x)| tail(&tails, s).standard(*x));
-                standard.fold(f64::NEG_INFINITY, f64::max)
-            };
-            let strongest = robots.iter().enumerate().map(one).collect();
-            let own = Self::new(strongest, command, source)?;
-            let tails = tails(&robots.iter().collect::<Vec<_>>(), shared);
-            let own = Self { tails, ..own };
-            let asked = robots.iter().flatten().map(|(s, _)| libm::log(own.ask(s)));
-            let asked: f64 = asked.sum();
-            Ok::<_, CalibrationError>((asked, own))
+        let one = |(i, robot): (usize, &BTreeMap<Shown, f64>)| {
+            let tails = tails(&others(robots, i));
+            let standard = robot.iter().map(|(s, x)| tail(&tails, s).standard(*x));
+            standard.fold(f64::NEG_INFINITY, f64::max)
         };
-        let [first, rest @ ..] = SHARED.map(with);
-        let less = |a: (f64, Self), b: (f64, Self)| if b.0 < a.0 { b } else { a };
-        let best = rest
-            .into_iter()
-            .try_fold(first?, |a, b| b.map(|b| less(a, b)))?;
-        Ok(best.1)
+        let strongest = robots.iter().enumerate().map(one).collect();
+        let own = Self::new(strongest, command, source)?;
+        let tails = tails(&robots.iter().collect::<Vec<_>>());
+        Ok(Self { tails, ..own })
     }
 
     /// The same with what the best sets leave.
