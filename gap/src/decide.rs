@@ -44,7 +44,15 @@ impl Tail {
         let middle = math::median(evidence);
         Self {
             middle,
-            reach: (math::mean(&sorted[..top]) - middle).max(1.0),
+            reach: math::mean(&sorted[..top]) - middle,
+        }
+    }
+
+    /// The same with a reach that is farther by so much, and at least 1.
+    fn farther(self, by: f64) -> Self {
+        Self {
+            reach: (self.reach + by).max(1.0),
+            ..self
         }
     }
 
@@ -63,6 +71,55 @@ fn tail(tails: &BTreeMap<String, Tail>, shown: &Shown) -> Tail {
     };
     let own = tails.get(&shown.key()).or_else(|| tails.get(shown.name()));
     own.or_else(widest).copied().unwrap_or(Tail::PLAIN)
+}
+
+/// All but number `i`.
+fn others<T>(all: &[T], i: usize) -> Vec<&T> {
+    let other = all.iter().enumerate().filter(|o| o.0 != i);
+    other.map(|o| o.1).collect()
+}
+
+/// Shares of the mean reach of all effects that the reach of each may have beside its own: an effect that few robots
+/// show any of may be shown by the next one.
+const SHARED: [f64; 5] = [0.0, 0.5, 1.0, 2.0, 4.0];
+
+/// Tails of every effect, and by what shows it where enough robots have that; `shared` is of [`SHARED`].
+fn tails(robots: &[&BTreeMap<Shown, f64>], shared: f64) -> BTreeMap<String, Tail> {
+    let mut values: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+    let mut effects = BTreeSet::new();
+    for (shown, evidence) in robots.iter().copied().flatten() {
+        effects.insert(shown.name());
+        for key in [shown.name().to_owned(), shown.key()] {
+            values.entry(key).or_default().push(*evidence);
+        }
+    }
+    let all = values
+        .into_iter()
+        .filter(|(key, v)| v.len() >= LEAST || effects.contains(key.as_str()));
+    let mut tails: BTreeMap<String, Tail> = all.map(|(k, v)| (k, Tail::of(&v))).collect();
+    let each = effects.iter().filter_map(|e| tails.get(*e));
+    let reaches: Vec<f64> = each.map(|t| t.reach).collect();
+    let more = shared * math::mean(&reaches);
+    tails.values_mut().for_each(|t| *t = t.farther(more));
+    tails
+}
+
+/// Tails of what is left in blocks, dB, by kinds that enough robots have.
+fn lefts(robots: &[&Vec<(String, f64)>]) -> BTreeMap<String, Tail> {
+    let mut values: BTreeMap<&str, (usize, Vec<f64>)> = BTreeMap::new();
+    for robot in robots {
+        let kinds: BTreeSet<&str> = robot.iter().map(|r| r.0.as_str()).collect();
+        kinds
+            .into_iter()
+            .for_each(|k| values.entry(k).or_default().0 += 1);
+        for (kind, left) in robot.iter() {
+            values.entry(kind).or_default().1.push(*left);
+        }
+    }
+    let enough = values.into_iter().filter(|v| v.1.0 >= LEAST);
+    enough
+        .map(|(kind, (_, all))| (kind.to_owned(), Tail::of(&all).farther(0.0)))
+        .collect()
 }
 
 /// Share of the values that make a tail.
@@ -194,7 +251,9 @@ impl Calibration {
         })
     }
 
-    /// From the largest evidence of every effect of robots without a cause.
+    /// From the largest evidence of every effect of robots without a cause. Each is taken in units of the tails of the
+    /// others, as that of a robot to come will be: in its own tail no value stands out. Tails have that of [`SHARED`] with
+    /// which the least is asked of what robots showed, in the mean of logarithms.
     ///
     /// # Errors
     /// Too few robots.
@@ -203,24 +262,26 @@ impl Calibration {
         command: &str,
         source: &str,
     ) -> Result<Self, CalibrationError> {
-        let mut values: BTreeMap<String, Vec<f64>> = BTreeMap::new();
-        for (shown, evidence) in robots.iter().flatten() {
-            for key in [shown.name().to_owned(), shown.key()] {
-                values.entry(key).or_default().push(*evidence);
-            }
-        }
-        let effects: BTreeSet<&str> = robots.iter().flatten().map(|r| r.0.name()).collect();
-        let tails: BTreeMap<String, Tail> = values
-            .into_iter()
-            .filter(|(key, v)| v.len() >= LEAST || effects.contains(key.as_str()))
-            .map(|(key, evidence)| (key, Tail::of(&evidence)))
-            .collect();
-        let one = |robot: &BTreeMap<Shown, f64>| {
-            let standard = robot.iter().map(|(s, x)| tail(&tails, s).standard(*x));
-            standard.fold(f64::NEG_INFINITY, f64::max)
+        let with = |shared: f64| {
+            let one = |(i, robot): (usize, &BTreeMap<Shown, f64>)| {
+                let tails = tails(&others(robots, i), shared);
+                let standard = robot.iter().map(|(s, x)| tail(&tails, s).standard(*x));
+                standard.fold(f64::NEG_INFINITY, f64::max)
+            };
+            let strongest = robots.iter().enumerate().map(one).collect();
+            let own = Self::new(strongest, command, source)?;
+            let tails = tails(&robots.iter().collect::<Vec<_>>(), shared);
+            let own = Self { tails, ..own };
+            let asked = robots.iter().flatten().map(|(s, _)| libm::log(own.ask(s)));
+            let asked: f64 = asked.sum();
+            Ok::<_, CalibrationError>((asked, own))
         };
-        let own = Self::new(robots.iter().map(one).collect(), command, source)?;
-        Ok(Self { tails, ..own })
+        let [first, rest @ ..] = SHARED.map(with);
+        let less = |a: (f64, Self), b: (f64, Self)| if b.0 < a.0 { b } else { a };
+        let best = rest
+            .into_iter()
+            .try_fold(first?, |a, b| b.map(|b| less(a, b)))?;
+        Ok(best.1)
     }
 
     /// The same with what the best sets leave.
@@ -235,28 +296,16 @@ impl Calibration {
     /// The same with what no column explains in the blocks of robots: kind of the block and dB.
     #[must_use]
     pub fn with_lefts(self, robots: &[Vec<(String, f64)>]) -> Self {
-        let mut values: BTreeMap<&str, (usize, Vec<f64>)> = BTreeMap::new();
-        for robot in robots {
-            let kinds: BTreeSet<&str> = robot.iter().map(|r| r.0.as_str()).collect();
-            kinds
-                .into_iter()
-                .for_each(|k| values.entry(k).or_default().0 += 1);
-            for (kind, left) in robot {
-                values.entry(kind).or_default().1.push(*left);
-            }
-        }
-        let enough = values.into_iter().filter(|v| v.1.0 >= LEAST);
-        let lefts: BTreeMap<String, Tail> = enough
-            .map(|(kind, (_, all))| (kind.to_owned(), Tail::of(&all)))
-            .collect();
-        let own = Self { lefts, ..self };
-        let one = |robot: &Vec<(String, f64)>| {
+        let one = |(i, robot): (usize, &Vec<(String, f64)>)| {
+            let lefts = lefts(&others(robots, i));
             let each = robot
                 .iter()
-                .filter_map(|(kind, left)| own.standard_left(kind, *left));
+                .filter_map(|(kind, left)| Some(lefts.get(kind)?.standard(*left)));
             each.fold(f64::NEG_INFINITY, f64::max)
         };
-        let remainders = robots.iter().map(one).collect();
+        let remainders = robots.iter().enumerate().map(one).collect();
+        let lefts = lefts(&robots.iter().collect::<Vec<_>>());
+        let own = Self { lefts, ..self };
         own.with_remainders(remainders)
     }
 
@@ -415,6 +464,30 @@ mod tests {
             .filter(|r| r.iter().any(|(s, x)| *x > c.ask(s)))
             .count();
         assert!(accused <= 16, "{accused} of 400 others");
+    }
+
+    /// Of twenty effects any may show much, each once in five hundred robots: of a hundred robots most effects show it in
+    /// none. In units of tails that a robot is itself in, none would stand out as far as one to come does.
+    #[test]
+    fn rare_evidence_of_many_effects_accuses_as_few_as_the_level_says() {
+        let mut rng = crate::math::Rng::new(3);
+        let mut robot = |_: usize| -> BTreeMap<Shown, f64> {
+            let effects = Effect::ALL.iter().take(20);
+            effects
+                .map(|e| {
+                    let rare = rng.uniform() < 1.0 / 500.0;
+                    let evidence = rng.normal() + if rare { 50.0 } else { 0.0 };
+                    (Shown::new(Some(*e), "joint"), evidence)
+                })
+                .collect()
+        };
+        let healthy: Vec<_> = (0..500).map(&mut robot).collect();
+        let c = Calibration::by_effect(&healthy[..100], "test", "numbers").expect("enough");
+        let accused = healthy[100..]
+            .iter()
+            .filter(|r| r.iter().any(|(s, x)| *x > c.ask(s)))
+            .count();
+        assert!(accused <= 10, "{accused} of 400 others");
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! The verdict: the public JSON contract `rb.gap/1`.
 
+pub(crate) mod causes;
+
 use std::collections::BTreeMap;
 
 use serde::Serialize;
@@ -8,7 +10,7 @@ use crate::regimes::RegimeRow;
 use crate::vocabulary::Effect;
 
 /// One word for the whole.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Word {
     /// The effects found explain the gap down to the floor.
@@ -18,6 +20,7 @@ pub enum Word {
     /// Only base parameters are off by more than their tolerance.
     Parametric,
     /// The model explains the data to the floor.
+    #[default]
     None,
     /// A significant remainder that no known effect explains.
     Unknown,
@@ -33,7 +36,7 @@ pub struct Estimate {
 }
 
 /// The primary metric before and after.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Gap {
     /// Name of the metric.
     pub metric: String,
@@ -113,7 +116,7 @@ pub struct EffectRow {
 }
 
 /// Probabilities of the verdicts that are no effects.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Probabilities {
     /// No gap beyond the floor.
     pub none: f64,
@@ -204,7 +207,7 @@ pub struct Stair {
 }
 
 /// Where the figures come from.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Provenance {
     /// Tool and version.
     pub tool: String,
@@ -223,7 +226,7 @@ pub struct Provenance {
 }
 
 /// The verdict.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Verdict {
     /// Always `rb.gap/1`.
     pub schema: String,

@@ -3,6 +3,7 @@
 use files::dataset::{Bench, Command, Manifest, Motion, Robot};
 
 use super::words::{capital, floor_explained, listed, quantity, range, size};
+use crate::bench::missing;
 use crate::sentence::{Cause, causes, sentence, sure_of, unsure};
 use crate::verdict::{Verdict, Word};
 
@@ -27,8 +28,8 @@ pub struct Subject {
     pub before: String,
 }
 
-/// What a bench does not state, and whether that is all there is to state.
-fn unstated(b: &Bench) -> (Vec<&'static str>, bool) {
+/// What a bench does not state.
+fn unstated(b: &Bench) -> Vec<&'static str> {
     let strength = b.effort_per_volt.is_some() || b.max_effort.is_some();
     let gains = b.controller.kp.is_some();
     let position = b.command == Command::Position;
@@ -41,9 +42,8 @@ fn unstated(b: &Bench) -> (Vec<&'static str>, bool) {
         ("motor strength", strength || b.command == Command::Effort),
         ("controller gains", gains || !position),
     ];
-    let known = b.inertia.is_some() || b.supply_v.is_some() || gains || strength;
     let missing = all.iter().filter(|x| !x.1).map(|x| x.0);
-    (missing.collect(), position && !known)
+    missing.collect()
 }
 
 impl Subject {
@@ -52,11 +52,13 @@ impl Subject {
     pub fn new(manifest: &Manifest, date: Option<String>) -> Self {
         let robot = manifest.robot == Robot::Metamodule;
         let bench = &manifest.bench;
-        let (unstated, tentative) = if robot {
-            (Vec::new(), false)
-        } else {
-            unstated(bench)
-        };
+        // Without these keys no cause of a joint is certain.
+        let first = if robot { Vec::new() } else { missing(manifest) };
+        let tentative = !first.is_empty();
+        let mut unstated = if robot { Vec::new() } else { unstated(bench) };
+        if tentative && unstated.is_empty() {
+            unstated = first;
+        }
         let ideal = bench.command == Command::Position && bench.controller.kp.is_none();
         let before = match (robot, &manifest.model) {
             (true, Some(file)) => format!("the nominal model in {file}"),
@@ -65,7 +67,7 @@ impl Subject {
                 "a joint that follows its set-point exactly, since its controller is not stated"
                     .into()
             }
-            (false, _) => "a model with the stated values, and defaults for the others".into(),
+            (false, _) => "a model with the stated values, the others fitted".into(),
         };
         Self {
             name: manifest.name.clone(),

@@ -1,7 +1,6 @@
 //! Parameter sets of a run as the numbers that the loop needs, worked out once.
 
 use super::simd::{Eight, LANES, Lane};
-use super::state::SEEN;
 use crate::joint::data::RunData;
 use crate::joint::param::{P, Params};
 
@@ -120,9 +119,9 @@ pub(super) struct Late<F> {
 
 impl<F: Lane> Late<F> {
     #[inline(always)]
-    fn new(steps: Eight, least: f64, most: usize, dt: f64) -> Self {
+    fn new(steps: Eight, least: f64, dt: f64) -> Self {
         let back = steps.0.map(|s| s.max(least));
-        let whole = back.map(|s| (s as usize).min(most));
+        let whole = back.map(|s| s as usize);
         let each = |f: &dyn Fn(usize) -> f64| F::of(Eight(std::array::from_fn(f)));
         Self {
             part: each(&|i| back[i] - whole[i] as f64),
@@ -244,8 +243,8 @@ pub(super) fn resolve<F: Lane>(run: &RunData, p: &[Params], dt: f64) -> Model<F>
         load_per_dt: of(&|p| inertia(p) * behind(p) / dt),
         record_scale: get(P::RecordScale),
         read_after: get(P::ReadAfter),
-        speed: speed_steps(p, n.period_s, dt).map(|s| Late::new(s, 1.0, SEEN - 2, dt)),
-        delay: Late::new(lanes(p, delay_steps), 0.0, usize::MAX, dt),
+        speed: speed_steps(p, n.period_s, dt).map(|s| Late::new(s, 1.0, dt)),
+        delay: Late::new(lanes(p, delay_steps), 0.0, dt),
         ticks_per_step: (n.period_s > 1.5 * dt).then(|| dt / n.period_s),
     }
 }
@@ -256,5 +255,5 @@ fn speed_steps(p: &[Params], period_s: f64, dt: f64) -> Option<Eight> {
         return None;
     }
     let steps = |p: &Params| 2.0 * p.get(P::SpeedDelay) * period_s / dt;
-    Some(lanes(p, |p| steps(p).clamp(0.0, SEEN as f64 - 1.0)))
+    Some(lanes(p, |p| steps(p).max(0.0)))
 }

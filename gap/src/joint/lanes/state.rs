@@ -5,9 +5,6 @@ use super::resolve::{Late, Model};
 use super::simd::{Eight, Lane};
 use crate::joint::data::RunData;
 
-/// Positions that the controller remembers for its speed estimate.
-pub(super) const SEEN: usize = 16;
-
 /// The joint between two steps.
 pub(super) struct State<F> {
     pub(super) q: F,
@@ -41,7 +38,7 @@ pub(super) struct Memory {
     history: Vec<[Eight; 2]>,
     at: usize,
     /// Positions as the controller saw them, around and around; the newest is at `newest`.
-    seen: [Eight; SEEN],
+    seen: Vec<Eight>,
     newest: usize,
 }
 
@@ -121,11 +118,10 @@ impl Memory {
         let start = e
             .map_or([0.0; 2], |e| [e.position, e.velocity])
             .map(Eight::splat);
-        let deepest = m.delay.whole.iter().copied().max().unwrap_or(0);
         Self {
-            history: vec![start; deepest + 3],
+            history: vec![start; m.delay.rows() + 1],
             at: 0,
-            seen: [start[0]; SEEN],
+            seen: vec![start[0]; m.speed.as_ref().map_or(1, Late::rows)],
             newest: 0,
         }
     }
@@ -151,9 +147,14 @@ impl Memory {
     /// Speed as the difference of seen positions over some steps; over less than one, in part the exact speed.
     #[inline(always)]
     pub(super) fn difference<F: Lane>(&mut self, late: &Late<F>, q: F, exact: F) -> F {
-        self.newest = (self.newest + SEEN - 1) % SEEN;
+        let n = self.seen.len();
+        self.newest = if self.newest > 0 { self.newest } else { n } - 1;
         self.seen[self.newest] = q.put();
-        let before = late.between(|steps| &self.seen[(self.newest + steps) % SEEN]);
+        let back = |by: usize| {
+            let k = self.newest + by;
+            if k < n { k } else { k - n }
+        };
+        let before = late.between(|steps| &self.seen[back(steps)]);
         let speed = (q - before) * late.per_s;
         exact + late.share * (speed - exact)
     }
@@ -170,8 +171,9 @@ impl Memory {
             *q = (F::of(*q) + by * share).put();
             *dq = (F::of(*dq) + speed).put();
         }
-        for age in ages.take(SEEN) {
-            let q = &mut self.seen[(self.newest + age) % SEEN];
+        let n = self.seen.len();
+        for age in ages.take(n) {
+            let q = &mut self.seen[(self.newest + age) % n];
             let share = F::splat(1.0 - age as f64 / steps);
             *q = (F::of(*q) + by * share).put();
         }
@@ -187,6 +189,11 @@ impl Memory {
 }
 
 impl<F: Lane> Late<F> {
+    /// Rows that must be remembered.
+    fn rows(&self) -> usize {
+        self.whole.iter().copied().max().unwrap_or(0) + 2
+    }
+
     /// The signal `at` so many steps ago, between two of them.
     #[inline(always)]
     fn between<'s>(&self, at: impl Fn(usize) -> &'s Eight) -> F {

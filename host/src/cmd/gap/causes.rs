@@ -14,7 +14,7 @@ use gap::evidence::ensemble::Spreads;
 use gap::evidence::kept;
 use gap::vocabulary::{Effect, Stage};
 use gap::whole::{
-    Causes, DataSet, Film, HeldOut, Left, Place, Row, calibrated, name_causes, null_blocks,
+    Causes, DataSet, Film, Left, Place, Row, Shrink, calibrated, name_causes, null_blocks,
 };
 
 use super::input;
@@ -109,7 +109,7 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     let (manifest, recordings) = (&input.manifest, &input.recordings);
     let found = if manifest.robot == Robot::Bench {
         bench::name_causes(manifest, recordings, &args.withhold, &calibration)
-            .map(Answer::Joint)
+            .map(|found| Answer::Joint(Box::new(found)))
             .map_err(bad)
     } else {
         Whole::read(&args.data, &input).and_then(|robot| {
@@ -166,7 +166,7 @@ impl Whole {
 
 /// What was found, of either kind.
 enum Answer {
-    Joint(bench::Causes),
+    Joint(Box<bench::Causes>),
     /// With the nominal model.
     Robot(Box<(Causes, Model)>),
 }
@@ -174,7 +174,7 @@ enum Answer {
 impl Answer {
     fn json(&self) -> serde_json::Result<serde_json::Value> {
         match self {
-            Self::Joint(found) => serde_json::to_value(found),
+            Self::Joint(found) => serde_json::to_value(found.as_ref()),
             Self::Robot(found) => serde_json::to_value(&found.0),
         }
     }
@@ -183,6 +183,9 @@ impl Answer {
         match self {
             Self::Joint(f) => {
                 let mut out = text(&f.sentence, &f.causes);
+                if let Some(h) = &f.held_out {
+                    out.push_str(&shrinks(&h.runs, &h.split, &h.errors));
+                }
                 let _ = writeln!(
                     out,
                     "\nA cause is named from an evidence of {:.1} on, each effect from its own: {} joints without a cause say so.",
@@ -195,7 +198,8 @@ impl Answer {
                 let mut out = text(&f.sentence, &f.causes);
                 out.push_str(&places(&f.places));
                 out.push_str(&left(&f.left));
-                let _ = write!(out, "{}", shrinks(&f.held_out));
+                let h = &f.held_out;
+                out.push_str(&shrinks(&h.runs, &h.split, &h.errors));
                 if let Some(near) = &f.nearest {
                     let what = name(near.effect);
                     let _ = writeln!(
@@ -246,10 +250,9 @@ fn left(all: &[Left]) -> String {
 }
 
 /// How far the gap shrinks, signal by signal.
-fn shrinks(held_out: &HeldOut) -> String {
-    let (runs, split) = (held_out.runs.len(), &held_out.split);
-    let mut out = format!("\nErrors of {runs} runs ({split}):\n");
-    for (signal, e) in &held_out.errors {
+fn shrinks(runs: &[String], split: &str, errors: &BTreeMap<&'static str, Shrink>) -> String {
+    let mut out = format!("\nErrors of {} runs ({split}):\n", runs.len());
+    for (signal, e) in errors {
         let _ = writeln!(
             out,
             "  {signal:<18} {:.4} nominal, {:.4} calibrated, {:.4} with the causes",
@@ -334,10 +337,15 @@ impl Healthy {
             }
             let input = input::read(set, context)?;
             let (manifest, recordings) = (&input.manifest, &input.recordings);
-            let (own, remains) = bench::strongest(manifest, recordings, &spreads).map_err(bad)?;
+            let healthy = bench::strongest(manifest, recordings, &spreads).map_err(bad)?;
+            let (own, remains) = (healthy.evidence, healthy.left_db);
             let most = own.iter().max_by(|a, b| a.1.total_cmp(b.1));
             let most = most.map_or(String::new(), |(shown, x)| format!("{x:.2} of {shown}, "));
-            let text = format!("{}: {most}left {remains:.3}", set.display());
+            let most_left = remains.iter().max_by(|a, b| a.1.total_cmp(&b.1));
+            let text = most_left.map_or(String::new(), |(column, db)| {
+                format!("{db:.1} dB left of {column}")
+            });
+            let text = format!("{}: {most}{text}", set.display());
             context.out.detail(text);
             evidence.push(own);
             left.push(remains);
@@ -346,7 +354,7 @@ impl Healthy {
         bar.finish_and_clear();
         let mut out = Calibration::by_effect(&evidence, command, source)
             .map_err(bad)?
-            .with_remainders(left);
+            .with_lefts(&left);
         out.spreads = spreads;
         Ok(out)
     }
