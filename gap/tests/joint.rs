@@ -313,7 +313,7 @@ fn no_effect_is_called_none_and_the_answer_repeats() {
 
 /// The servo holds what its encoder reads, so the link goes with a zero that drifts. Inertia and gravity are off within their tolerances: that is no place to look at.
 #[test]
-fn a_zero_that_drifts_lies_in_the_conventions_and_no_offset_explains_it() {
+fn a_zero_that_drifts_is_unknown_between_encoder_and_link() {
     let nominal = Params::default()
         .with(P::Inertia, 1.06)
         .with(P::Gravity, 0.97);
@@ -326,9 +326,11 @@ fn a_zero_that_drifts_lies_in_the_conventions_and_no_offset_explains_it() {
         joint.set(Signal::LinkPosition, Some(moved));
     }
     let v = diagnosis::diagnosed(&m, &recordings).verdict;
-    let left = [Word::Unknown, Word::PartlyExplained];
-    assert!(left.contains(&v.verdict), "{}", v.sentence);
-    assert_eq!(v.place[0].stage, "conventions", "{:?}", v.place);
+    assert_eq!(v.verdict, Word::Unknown, "{}", v.sentence);
+    // A gear that slips slowly moves the link from the encoder alike.
+    let alike = ["conventions", "transmission"];
+    let place = v.place[0].stage.as_str();
+    assert!(alike.contains(&place), "{:?}", v.place);
     let total: f64 = v.place.iter().map(|w| w.share).sum();
     assert!((total - 1.0).abs() < 1e-9, "{total}");
 }

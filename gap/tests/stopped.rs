@@ -14,7 +14,9 @@ use gap::watch::Watch;
 /// What a watched diagnosis gave.
 struct Watched {
     diagnosis: Diagnosis,
-    /// How often it asked whether to stop, phase by phase.
+    /// How often it asked whether to stop before the first phase.
+    before: usize,
+    /// The same phase by phase.
     asked: Vec<(String, usize)>,
 }
 
@@ -36,11 +38,13 @@ fn watched(last: usize) -> Watched {
     let calibration = Calibration::shipped_joint();
     let diagnosis = diagnose(&manifest, &recordings, &settings, &calibration, watch).unwrap();
     let phases = phases.into_inner().unwrap();
+    let before = phases.first().map_or(0, |p: &(String, usize)| p.1);
     let mut ends: Vec<usize> = phases.iter().skip(1).map(|p| p.1).collect();
     ends.push(count.into_inner());
     let one = |((text, begun), end): ((String, usize), usize)| (text, end - begun);
     Watched {
         diagnosis,
+        before,
         asked: phases.into_iter().zip(ends).map(one).collect(),
     }
 }
@@ -65,7 +69,7 @@ fn a_search_asks_at_every_simulation_whether_to_stop_and_keeps_what_it_has() {
         assert!(*asked > 100, "{phase}: asked {asked} times");
     }
     // In the middle of the second effect, and of the rivals.
-    let mut begun = 0;
+    let mut begun = whole.before;
     for (number, (phase, asked)) in whole.asked.iter().enumerate() {
         let middle = begun + asked / 2;
         begun += asked;
