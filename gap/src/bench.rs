@@ -11,6 +11,7 @@
 mod data;
 mod diagnosis;
 mod fit;
+mod healthy;
 mod library;
 mod lost;
 mod model;
@@ -28,16 +29,17 @@ mod verdict;
 
 use std::collections::BTreeMap;
 
-use files::dataset::{Manifest, Recording};
+use files::dataset::{Manifest, Output, Recording};
 
 pub use diagnosis::{Diagnosis, HeldOut, Settings, diagnose, predicted};
+pub use healthy::Differ;
 pub use rows::{Causes, Word};
 pub(crate) use stated::missing;
 
 use crate::decide::{Calibration, Shown};
 use crate::evidence::block::White;
 use crate::evidence::ensemble::Spreads;
-use crate::joint::Channel;
+use crate::joint::nominal::nominal;
 use crate::locate::State;
 use crate::vocabulary::Effect;
 use crate::watch::Watch;
@@ -81,17 +83,29 @@ impl Asked<'_, '_> {
     }
 }
 
-/// A cause as a calibration knows it: its effect and the signals that were measured; a compound has no effect.
+/// A cause as a calibration knows it: its effect, or its name where it has none, and what the joint's controller puts out.
 fn shown(data: &Data<'_>, kind: Kind) -> Shown {
-    let signals: Vec<&str> = data
-        .channels
-        .iter()
-        .map(|c| library::column(Channel::ALL[*c]))
-        .collect();
+    let output = data.problem.runs.first().map(|r| r.nominal.output);
+    let by = output.map_or("", drive_of);
     match kind {
-        Kind::One(effect) => Shown::new(Some(effect), &signals.join("+")),
-        other => Shown::new(None, other.name()),
+        Kind::One(effect) => Shown::new(Some(effect), by),
+        other => Shown::new(None, &format!("{} {by}", other.name())),
     }
+}
+
+fn drive_of(output: Output) -> &'static str {
+    match output {
+        Output::Duty => "duty",
+        Output::Voltage => "voltage",
+        Output::Effort => "effort",
+        Output::Velocity => "velocity",
+    }
+}
+
+/// What a joint's controller puts out, as `dataset.toml` spells it: healthy joints are compared with their like.
+#[must_use]
+pub fn drive(manifest: &Manifest) -> &'static str {
+    drive_of(nominal(&manifest.bench).output)
 }
 
 /// What was found, with all it was made of.

@@ -16,8 +16,8 @@ pub fn stage_of(p: P) -> Stage {
     match p {
         Scale | Sense | Offset | MechOffset | RecordScale => Stage::Conventions,
         Delay | Skew | Played | Quantum => Stage::Transport,
-        LoopGain | Damping | SpeedDelay | Windup | Tightness | Grip | Deadband | SlewLimit
-        | FeedbackDelay | Lag => Stage::Driver,
+        LoopGain | Damping | SpeedDelay | Windup | Tightness | Grip | Droop | Deadband
+        | SlewLimit | FeedbackDelay | Lag => Stage::Driver,
         Motor | Ampere | Strength | ReadAfter | Resistance | CurrentLimit | TorqueLimit
         | DerateTime | DerateShare => Stage::Electrical,
         Supply | Sag | Regeneration => Stage::Supply,

@@ -20,8 +20,8 @@ fn position_only(recordings: &mut [Recording]) {
 }
 
 #[test]
-fn a_limit_gets_the_motion_and_the_signals_that_tell_its_kinds_apart() {
-    let planted = Params::default().with(P::TorqueLimit, 1.2);
+fn a_friction_gets_the_motion_and_the_signals_that_tell_its_kinds_apart() {
+    let planted = Params::default().with(P::Coulomb, 0.08);
     let (manifest, mut recordings) = common::data(&planted, 3);
     position_only(&mut recordings);
     let d = diagnosis::diagnosed(&manifest, &recordings);
@@ -29,8 +29,8 @@ fn a_limit_gets_the_motion_and_the_signals_that_tell_its_kinds_apart() {
         .verdict
         .next_experiment
         .as_ref()
-        .expect("a limit has rivals");
-    for e in [Effect::TorqueLimit, Effect::CurrentLimit] {
+        .expect("a friction has rivals");
+    for e in [Effect::CoulombFriction, Effect::StribeckFriction] {
         assert!(next.separates.contains(&e), "{next:?}");
     }
     let e = d.experiment.as_ref().expect("a motion");

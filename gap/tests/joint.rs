@@ -221,6 +221,38 @@ fn a_speed_is_seen_as_late_as_its_delay_says_by_a_slow_controller_too() {
     }
 }
 
+/// A speed servo of stiffness `J / (droop tau)` loses `c droop tau / J` of its speed to a friction `c`, whatever the time
+/// constant `tau` of its loop: a ramp is followed that much over the position gain further behind.
+#[test]
+fn a_speed_servo_droops_by_its_stiffness_and_follows_by_its_time_constant() {
+    let (kp, inertia, friction, grip_s) = (8.0, 0.02, 0.1, 0.01);
+    let p = run(
+        &format!(
+            "inertia_kg_m2 = {inertia}\nmax_effort_nm = 100.0\n[bench.controller]\nkind = \"p\"\noutput = \"velocity\"\nkp = {kp}\nlimit = 100.0"
+        ),
+        &rows(1000, 0.005, 0.0, 1, |t| 0.5 * t),
+    );
+    let follows = |dry: f64, droop: f64| {
+        let mut trace = Trace::new();
+        let servo = Params::default()
+            .with(P::Grip, grip_s)
+            .with(P::Droop, droop)
+            .with(P::Coulomb, dry);
+        simulate(&p.runs[0], &servo, p.dt_s, &mut trace);
+        trace.iter().map(|y| y[0]).collect::<Vec<f64>>()
+    };
+    let free = follows(0.0, 1.0);
+    let tau_s = grip_s + p.dt_s;
+    for droop in [0.7, 1.0, 1.5] {
+        let unloaded = follows(0.0, droop);
+        let apart = free.iter().zip(&unloaded).map(|(a, b)| (a - b).abs());
+        assert!(apart.fold(0.0, f64::max) < 1e-9, "{droop}");
+        let behind = free[999] - follows(friction, droop)[999];
+        let want = friction * droop * tau_s / (inertia * kp);
+        assert!((behind / want - 1.0).abs() < 0.01, "{behind} of {want}");
+    }
+}
+
 #[test]
 fn planted_effects_are_found_inverse_crime() {
     let table = [

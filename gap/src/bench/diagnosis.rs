@@ -241,7 +241,7 @@ pub fn diagnose(
         watch,
     };
     let known = Known {
-        spreads: &calibration.spreads,
+        spreads: calibration.spreads_of(super::drive(manifest)),
         laws: &calibration.laws,
     };
     let explained = explain(&asked, known)?;

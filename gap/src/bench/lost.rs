@@ -97,14 +97,12 @@ fn white(errors: &Errors, noise: &[Whitening]) -> Errors {
     all.map(|(e, n)| n.apply(e)).collect()
 }
 
-/// White errors of the rows that count with all that their prediction rests on.
+/// White errors of rows as far as they count.
 fn white_counted(errors: &Errors, noise: &[Whitening], weights: &Errors) -> Errors {
     let mut out = white(errors, noise);
-    for ((out, n), weights) in out.iter_mut().zip(noise).zip(weights) {
-        for (i, out) in out.iter_mut().enumerate() {
-            let rests_on = &weights[i.saturating_sub(n.order())..=i];
-            *out *= rests_on.iter().fold(1.0, |a, b| f64::min(a, *b));
-        }
+    for (out, weights) in out.iter_mut().zip(weights) {
+        let rows = out.iter_mut().zip(weights);
+        rows.for_each(|(out, weight)| *out *= weight.sqrt());
     }
     out
 }

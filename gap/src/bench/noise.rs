@@ -126,7 +126,8 @@ impl Noise {
         out
     }
 
-    fn with_healthy(mut self, directions: &[Direction]) -> Self {
+    /// The same noise, with what healthy joints differ by along these directions.
+    pub(super) fn with_healthy(mut self, directions: &[Direction]) -> Self {
         let scaled = |d: &Direction| -> Errors {
             let white = self.white(&d.errors);
             let all = white.into_iter();

@@ -8,7 +8,8 @@ use crate::joint::Channel;
 /// What is left, by itself and as a part of what was there.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Remainder {
-    /// What is left of each column over its noise, dB.
+    /// What is left of each column over its noise, dB, by the column and the horizon over which positions are predicted:
+    /// a play from set-points alone leaves more than one of some rows.
     pub(super) left_db: Vec<(String, f64)>,
     /// Share of the squares beyond the noise that stays, in the channel that showed most.
     pub(super) share: f64,
@@ -37,7 +38,11 @@ pub(super) fn remainder(data: &Data<'_>, before: &Errors, after: &Errors) -> Rem
         let noise = data.own_noise(k).max(1e-300);
         let noise = noise * noise;
         let [was, is] = [before, after].map(|e| square(data, e, k));
-        let column = column(Channel::ALL[data.channels[k]]).to_owned();
+        let column = column(Channel::ALL[data.channels[k]]);
+        let column = match data.problem.runs.first().map(|r| r.horizon_s) {
+            Some(horizon_s) if horizon_s.is_finite() => format!("{column} over {horizon_s} s"),
+            _ => format!("{column} over all"),
+        };
         let left = 10.0 * libm::log10((is / noise).max(1e-12));
         out.left_db.push((column, left));
         if was / noise > most {

@@ -143,6 +143,19 @@ impl Search<'_> {
 
     /// The noise of what all that was scanned leaves around a set, of whose members the first `stand` are known.
     pub(super) fn listen(&mut self, data: &Data<'_>, set: &Set, scanned: &[Scanned], stand: usize) {
+        let directions = self.directions(data, set, scanned, stand);
+        let error = model_error(self.spreads);
+        self.noise = Noise::new(data, &set.fit.errors, &directions, error);
+    }
+
+    /// Directions around a set, of whose members the first `stand` are known.
+    pub(super) fn directions(
+        &self,
+        data: &Data<'_>,
+        set: &Set,
+        scanned: &[Scanned],
+        stand: usize,
+    ) -> Vec<Direction> {
         let mut directions: Vec<Direction> = scanned
             .iter()
             .map(|s| {
@@ -163,12 +176,7 @@ impl Search<'_> {
         }
         directions.extend(self.differs(data, set));
         self.off_law(set, stand, &mut directions);
-        self.noise = Noise::new(
-            data,
-            &set.fit.errors,
-            &directions,
-            model_error(self.spreads),
-        );
+        directions
     }
 
     /// The law of a cause is off by a share: that share of what the cause changes may look like any other direction. So a

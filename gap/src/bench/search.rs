@@ -387,13 +387,19 @@ impl<'a> Search<'a> {
     fn larger(&mut self, data: &Data<'_>, set: &Set, with: &Set) -> Weighed {
         let old = self.noise.clone();
         let scanned = self.scan(data, with);
-        self.listen(data, with, &scanned, set.members.len());
+        let directions = self.directions(data, with, &scanned, set.members.len());
+        let kept = old.clone().with_healthy(&directions);
+        let error = model_error(self.spreads);
+        self.noise = Noise::new(data, &with.fit.errors, &directions, error);
         let stays = |own: &Self| own.fitted(data, with.members.clone(), &with.fit.point(), STAYS);
         let mut more = stays(self);
         // What all hypotheses together leave may have another colour than what the set leaves.
-        if old.log_likelihood() + with.evidence > self.noise.log_likelihood() + more.evidence {
-            self.noise = old.clone();
-            more = stays(self);
+        let own = std::mem::replace(&mut self.noise, kept);
+        let other = stays(self);
+        if self.noise.log_likelihood() + other.evidence > own.log_likelihood() + more.evidence {
+            more = other;
+        } else {
+            self.noise = own;
         }
         let less = self.fitted(data, set.members.clone(), &set.fit.point(), STAYS);
         let less = self.better(data, less, &more.fit.point());

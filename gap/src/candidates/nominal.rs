@@ -110,6 +110,14 @@ fn unstated(problem: &Problem, n: &Nominal, out: &mut Vec<Free>) {
     if n.output == Output::Velocity {
         // A velocity servo has an inner loop of its own: a few milliseconds, stated nowhere.
         out.push(habit(P::Grip, 0.2, 0.005));
+        // An inner loop that holds its effort from tick to tick is faster than its stiffness says: by a tenth where a tick
+        // is a fifth of its time constant.
+        let ratio = log(P::Droop, Some(0.1));
+        out.push(Free {
+            low: 0.5,
+            high: 2.0,
+            ..ratio
+        });
     }
     if n.effort_limit.is_finite() {
         out.push(log(P::Strength, problem.known.stall));

@@ -27,7 +27,9 @@ impl Size {
     pub(super) fn new(cause: &Cause, key: &str, planted: f64, [a, b]: [f64; 2]) -> Self {
         let effect = Effect::from_name(&cause.effect);
         let parameter = effect.and_then(|e| e.parameters().iter().find(|p| p.key == key));
+        // What limits nothing is infinite: a limit is off by a share of itself.
         let neutral = parameter.map_or(0.0, |p| p.neutral);
+        let neutral = if neutral.is_finite() { neutral } else { 0.0 };
         // Laws are linear in what gives, not in its stiffness.
         let stiff = key.starts_with("stiffness");
         let of = |x: f64| if stiff { 1.0 / x } else { x - neutral };
@@ -80,6 +82,14 @@ pub fn laws(all: &[Size]) -> BTreeMap<String, f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_limit_is_off_by_a_share_of_itself() {
+        let text = r#"{"effect": "velocity_limit", "stage": "driver", "scope": "joint", "joints": [0], "values": {}}"#;
+        let cause: Cause = serde_json::from_str(text).expect("a label");
+        let size = Size::new(&cause, "limit_rad_s", 1.2, [0.9, 1.1]);
+        assert_eq!((size.planted, size.found), (1.2, [0.9, 1.1]));
+    }
 
     /// Sizes of 2 that are found with a share of 0.1 more or less, and known to 0.01.
     #[test]

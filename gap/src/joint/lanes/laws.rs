@@ -153,10 +153,15 @@ pub(super) fn mechanics<F: Lane>(
     }
     // What is proportional to speed decays as over a whole step of constant effort, to third order in the step.
     let one = F::one();
-    let x = k * (b + viscous);
+    let slow = k * (b + viscous);
+    let (mut x, mut faster) = (slow, one);
+    if m.used.droop {
+        x = k * (b * m.droop + viscous);
+        faster = F::select(slow.gt(F::zero()), x / slow, one);
+    }
     let grown = one + x * (F::splat(0.5) + x * F::splat(1.0 / 6.0));
     let inverse = one / (one + x * grown);
-    let mut gain = k * grown * inverse;
+    let mut gain = k * faster * grown * inverse;
     let mut free = speed * inverse + gain * (a + load);
     if let Some(gear) = &elastic {
         let held = one / (one + gain * F::select(gear.gives, gear.per_speed, F::zero()));

@@ -1,5 +1,7 @@
 //! Parameter sets of a run as the numbers that the loop needs, worked out once.
 
+use files::dataset::Output;
+
 use super::simd::{Eight, LANES, Lane};
 use crate::joint::data::RunData;
 use crate::joint::param::{P, Params};
@@ -20,6 +22,7 @@ pub(super) struct Used {
     /// Play or give between the rotor and the load.
     pub(super) elastic: bool,
     pub(super) give: bool,
+    pub(super) droop: bool,
 }
 
 /// Parameters of a run, as absolute values.
@@ -48,8 +51,9 @@ pub(super) struct Model<F> {
     pub(super) band: F,
     pub(super) lag: F,
     pub(super) limit: F,
-    /// Effort per speed error of a velocity servo: its time constant is that of its inner loop, and a step.
+    /// Effort per speed error of a velocity servo: its time constant is that of its inner loop, and a step, but for `droop`.
     pub(super) stiff: F,
+    pub(super) droop: F,
     pub(super) effort_limit: F,
     pub(super) speed_limit: F,
     pub(super) sag: F,
@@ -196,6 +200,7 @@ pub(super) fn resolve<F: Lane>(run: &RunData, p: &[Params], dt: f64) -> Model<F>
         output_play: any(P::OutputPlay),
         elastic: p.iter().any(elastic),
         give: any(P::Give),
+        droop: n.output == Output::Velocity && any(P::Droop),
     };
     Model {
         used,
@@ -216,7 +221,8 @@ pub(super) fn resolve<F: Lane>(run: &RunData, p: &[Params], dt: f64) -> Model<F>
         band: get(P::Deadband),
         lag: of(&lag),
         limit: of(&limit),
-        stiff: of(&|p| inertia(p) / (dt + p.get(P::Grip))),
+        stiff: of(&|p| inertia(p) / ((dt + p.get(P::Grip)) * p.get(P::Droop))),
+        droop: get(P::Droop),
         effort_limit: of(&effort_limit),
         speed_limit: F::splat(n.speed_limit),
         sag: get(P::Sag),

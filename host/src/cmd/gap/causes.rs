@@ -7,14 +7,13 @@ use std::path::{Path, PathBuf};
 
 use files::dataset::Robot;
 use files::model::Model;
-use gap::bench;
+use gap::bench::{self, Differ};
 use gap::decide::Calibration;
 use gap::evidence::block::White;
-use gap::evidence::ensemble::Spreads;
 use gap::evidence::kept;
 use gap::vocabulary::{Effect, Stage};
 use gap::whole::{
-    Causes, DataSet, Film, Left, Place, Row, Shrink, calibrated, name_causes, null_blocks,
+    Causes, DataSet, FOLDS, Film, Left, Place, Row, Shrink, calibrated, name_causes, null_blocks,
 };
 
 use super::input;
@@ -286,8 +285,10 @@ fn file_of(folder: &Path, input: &input::Input, model: &Model) -> PathBuf {
 /// What a calibration is made of: joints or robots without a cause.
 #[derive(Default)]
 struct Healthy {
-    /// Data sets of joints, and each as a block.
-    joints: Vec<(PathBuf, Vec<White>)>,
+    /// Data sets of joints.
+    sets: Vec<PathBuf>,
+    /// What the controller of each puts out, and each as a block.
+    joints: Vec<(&'static str, Vec<White>)>,
     /// Blocks of a robot.
     robots: Vec<Vec<White>>,
 }
@@ -300,7 +301,8 @@ impl Healthy {
         if manifest.robot == Robot::Bench {
             let block = bench::null_block(manifest, recordings).map_err(bad)?;
             context.out.detail(set.display().to_string());
-            self.joints.push((set.into(), vec![block]));
+            self.sets.push(set.into());
+            self.joints.push((bench::drive(manifest), vec![block]));
             return Ok(manifest.robot);
         }
         let robot = Whole::read(set, &input)?;
@@ -325,19 +327,21 @@ impl Healthy {
         if !self.robots.is_empty() {
             return calibrated(&self.robots, command, source).map_err(bad);
         }
-        let blocks: Vec<Vec<White>> = self.joints.iter().map(|j| j.1.clone()).collect();
-        let spreads = Spreads::learned(&blocks);
+        let differ = Differ::learned(&self.joints);
+        let without = |fold| differ.without_fold(&self.joints, fold, FOLDS);
+        let folds: Vec<Differ> = (0..FOLDS).map(without).collect();
         let bar = context
             .out
             .progress(self.joints.len() as u64, "joints weighed");
         let (mut evidence, mut left) = (Vec::new(), Vec::new());
-        for (set, _) in &self.joints {
+        for (i, set) in self.sets.iter().enumerate() {
             if interrupt::pressed() {
                 return Err(stopped());
             }
             let input = input::read(set, context)?;
             let (manifest, recordings) = (&input.manifest, &input.recordings);
-            let healthy = bench::strongest(manifest, recordings, &spreads).map_err(bad)?;
+            let spreads = folds[i % FOLDS].of(bench::drive(manifest));
+            let healthy = bench::strongest(manifest, recordings, spreads).map_err(bad)?;
             let (own, remains) = (healthy.evidence, healthy.left_db);
             let most = own.iter().max_by(|a, b| a.1.total_cmp(b.1));
             let most = most.map_or(String::new(), |(shown, x)| format!("{x:.2} of {shown}, "));
@@ -355,7 +359,7 @@ impl Healthy {
         let mut out = Calibration::by_effect(&evidence, command, source)
             .map_err(bad)?
             .with_lefts(&left);
-        out.spreads = spreads;
+        (out.spreads, out.drives) = (differ.all, differ.drives);
         Ok(out)
     }
 }
