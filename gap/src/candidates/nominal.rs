@@ -110,8 +110,9 @@ fn unstated(problem: &Problem, n: &Nominal, out: &mut Vec<Free>) {
     if n.output == Output::Velocity {
         // A velocity servo has an inner loop of its own: a few milliseconds, stated nowhere.
         out.push(habit(P::Grip, 0.2, 0.005));
-        // An inner loop that holds its effort from tick to tick is faster than its stiffness says: by a tenth where a tick
-        // is a fifth of its time constant.
+        // A loop that holds its effort for a tick, the part `h` of what it droops by, leaves `1 - h` of an error a tick:
+        // its time constant is shorter by `-ln(1 - h) / h`. That is a tenth for a fifth, and twice for four fifths; an
+        // integrating loop droops less.
         let ratio = log(P::Droop, Some(0.1));
         out.push(Free {
             low: 0.5,

@@ -40,7 +40,7 @@ params! {
     Windup = 1.0, "how fast a saturated controller goes on integrating: 1 fully, 0 not at all";
     Tightness = 0.0, "one over the controller's limit, where that is unknown";
     Grip = 0.0, "time constant of a velocity servo's inner loop, s";
-    Droop = 1.0, "speed that a velocity servo loses per effort, over what the time constant of its inner loop says";
+    Droop = 1.0, "ratio of the speed that a load takes from a velocity servo to what the time constant of its inner loop implies";
     SlewLimit = f64::INFINITY, "largest speed of the set-point";
     FeedbackDelay = 0.0, "encoder delay in the controller, s";
     SpeedDelay = 1.0, "delay of the controller's speed estimate, in controller periods";

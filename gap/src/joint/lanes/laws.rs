@@ -153,6 +153,7 @@ pub(super) fn mechanics<F: Lane>(
     }
     // What is proportional to speed decays as over a whole step of constant effort, to third order in the step.
     let one = F::one();
+    // A velocity servo droops by its stiffness and decays by its time constant.
     let slow = k * (b + viscous);
     let (mut x, mut faster) = (slow, one);
     if m.used.droop {

@@ -51,8 +51,10 @@ pub(super) struct Model<F> {
     pub(super) band: F,
     pub(super) lag: F,
     pub(super) limit: F,
-    /// Effort per speed error of a velocity servo: its time constant is that of its inner loop, and a step, but for `droop`.
+    /// Effort per speed error of a velocity servo: the inertia over `droop` and the time constant of its inner loop, which is
+    /// a step at least.
     pub(super) stiff: F,
+    /// Ratio of what a load takes from its speed to what that time constant implies.
     pub(super) droop: F,
     pub(super) effort_limit: F,
     pub(super) speed_limit: F,
