@@ -7,6 +7,7 @@
 pub mod arrival;
 mod command;
 pub mod data;
+mod instants;
 pub mod lanes;
 pub(crate) mod merge;
 pub mod nominal;

@@ -43,6 +43,24 @@ fn a_free_pendulum_swings_at_its_natural_frequency() {
     assert!((period - 1.2566).abs() < 0.005, "{period}");
 }
 
+/// A row shows what was sent since the row before it: 10 ms late every second time, and 20 mrad at 2 rad/s.
+#[test]
+fn set_points_at_20_hz_move_the_joint_alike_in_logs_of_50_and_100_hz() {
+    let bench = "inertia_kg_m2 = 0.08\nmax_effort_nm = 27.0\nmax_speed_rad_s = 9.0\nsupply_v = 12.0\n\
+        [bench.controller]\nkind = \"p\"\nkp = 10.0\noutput = \"duty\"\nlimit = 1.0\nperiod_s = 0.001\n";
+    let sent = |t: f64| gap::math::sin(2.0 * (20.0 * t + 1e-6).floor() / 20.0);
+    let [coarse, fine] = [(200, 0.02), (400, 0.01)].map(|(n, dt)| {
+        let p = run(bench, &rows(n, dt, 0.0, 1, sent));
+        let mut trace = Trace::new();
+        simulate(&p.runs[0], &Params::default(), p.dt_s, &mut trace);
+        trace
+    });
+    for (k, row) in coarse.iter().enumerate() {
+        let other = fine[2 * k][0];
+        assert!((row[0] - other).abs() < 1e-3, "{k}: {} {other}", row[0]);
+    }
+}
+
 #[test]
 fn dry_friction_stops_a_coasting_joint_after_the_right_angle() {
     let mut text = rows(400, 0.005, 0.0, 0, |_| 0.0);

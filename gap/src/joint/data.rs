@@ -281,8 +281,6 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
     let mut enabled = true;
     let mut samples = Vec::with_capacity(t.len());
     let mut edges: Vec<Edge> = Vec::new();
-    let mut held = f64::NAN;
-    let (mut command_t_s, mut commands) = (Vec::new(), Vec::new());
     for i in 0..t.len() {
         let at_s = t[i] - t0_s;
         let e = at(column(Signal::Enable), i);
@@ -303,11 +301,6 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
                 velocity: v,
             });
         }
-        if let Some(c) = command.get(i).filter(|c| c.is_finite() && **c != held) {
-            held = *c;
-            command_t_s.push(at_s);
-            commands.push(*c);
-        }
         let measured = channels.map(|c| at(c, i));
         samples.push(Sample {
             step,
@@ -316,6 +309,7 @@ fn run_data(rec: &Recording, joint: usize, dt_s: f64, nominal: Nominal) -> RunDa
             measured,
         });
     }
+    let (command_t_s, commands) = super::instants::sent(t, command);
     let steps = samples.last().map_or(0, |s| s.step + 1);
     let (arrivals, arrival_error) =
         super::arrival::arrivals(&samples, &command_t_s, &commands, dt_s);
