@@ -178,19 +178,54 @@ impl<'a> Bare<'a> {
         again.transport.read.push(lost.read);
         Some(again)
     }
+
+    /// Searches for causes.
+    fn found(&mut self, asked: &Asked<'_, 'a>) -> Found {
+        let ask = |kind| asked.ask(&self.data, kind);
+        self.search.run(&self.data, &self.bare, &ask, asked.watch)
+    }
+
+    /// The joint simulated from its set-points alone, and its causes, where these are likelier than `found`: a horizon
+    /// that predicts best without causes hides a large one, which corrections take out row by row.
+    fn played(
+        &self,
+        asked: &Asked<'_, 'a>,
+        known: Known<'a>,
+        found: &Found,
+    ) -> Option<(Self, Found)> {
+        let whole = self.data.horizon_s().is_infinite();
+        if whole || found.best.members.is_empty() || self.data.stop.asked() {
+            return None;
+        }
+        let data = self.data.over(f64::INFINITY);
+        let cut = self.transport.cut_off();
+        let mut search = Search::new(&data, asked, cut, known, self.search.start);
+        let bare = search.bare(&data);
+        let mut own = Self {
+            recordings: self.recordings.clone(),
+            transport: self.transport.clone(),
+            data,
+            search,
+            bare,
+        };
+        let other = own.found(asked);
+        let total =
+            |own: &Self, found: &Found| own.search.noise.log_likelihood() + found.best.evidence;
+        let likelier = total(&own, &other) > total(self, found);
+        (likelier && !other.partial).then_some((own, other))
+    }
 }
 
 fn explain<'a>(asked: &Asked<'_, 'a>, known: Known<'a>) -> Result<Explained<'a>, BenchError> {
-    let run = |own: &mut Bare<'a>| {
-        let ask = |kind| asked.ask(&own.data, kind);
-        own.search.run(&own.data, &own.bare, &ask, asked.watch)
-    };
     let mut own = Bare::new(asked, known)?;
-    let mut found = run(&mut own);
+    let mut found = own.found(asked);
     // Losses may show around the causes only.
     if let Some(again) = own.without_losses(asked, known, &found.best) {
         own = again;
-        found = run(&mut own);
+        found = own.found(asked);
+    }
+    if let Some(played) = own.played(asked, known, &found) {
+        (own, found) = played;
     }
     let [before, after] = [&own.bare, &found.best].map(|s| s.fit.point());
     Ok(Explained {
