@@ -345,7 +345,7 @@ fn electrical(list: &mut List, problem: &Problem, s: &Scales, n: &crate::joint::
             &shares,
             s.current,
         );
-        if problem.known.supply.is_some() && n.output == Output::Duty {
+        if problem.known.supply.is_some() {
             list.one(
                 Effect::SupplyVoltage,
                 "",
@@ -355,7 +355,7 @@ fn electrical(list: &mut List, problem: &Problem, s: &Scales, n: &crate::joint::
             );
         }
         let ohm = n.supply_v / s.current;
-        if n.output == Output::Duty {
+        if n.output == Output::Duty || problem.known.supply.is_some() {
             // A source that is no battery takes nothing back from a braking motor.
             let back = Free {
                 tolerance: Some(0.5),

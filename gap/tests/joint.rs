@@ -61,6 +61,27 @@ fn set_points_at_20_hz_move_the_joint_alike_in_logs_of_50_and_100_hz() {
     }
 }
 
+/// A drive that is asked for more volts than its bus has turns at the no-load speed of that bus; below, the bus is no matter.
+#[test]
+fn a_drive_that_is_asked_for_a_voltage_reaches_that_of_its_bus() {
+    let bench = "inertia_kg_m2 = 0.02\nmax_effort_nm = 5.0\nmax_speed_rad_s = 3.0\nsupply_v = 12.0\n\
+        [bench.controller]\nkind = \"p\"\nkp = 100.0\noutput = \"voltage\"\nperiod_s = 0.001\n";
+    let top_rad_s = |target: f64, supply: f64| {
+        let p = run(bench, &rows(400, 0.005, 0.0, 1, |_| target));
+        let mut trace = Trace::new();
+        let params = Params::default().with(P::Supply, supply);
+        simulate(&p.runs[0], &params, p.dt_s, &mut trace);
+        let speed = |w: &[[f64; gap::joint::data::CHANNELS]]| (w[1][0] - w[0][0]) / 0.005;
+        trace.windows(2).map(speed).fold(0.0, f64::max)
+    };
+    for supply in [0.8, 1.0, 1.2] {
+        let top = top_rad_s(4.0, supply);
+        assert!((top - 3.0 * supply).abs() < 0.01, "{supply}: {top}");
+    }
+    let [low, high] = [0.8, 1.2].map(|supply| top_rad_s(0.05, supply));
+    assert!((low - high).abs() < 1e-9, "{low} {high}");
+}
+
 #[test]
 fn dry_friction_stops_a_coasting_joint_after_the_right_angle() {
     let mut text = rows(400, 0.005, 0.0, 0, |_| 0.0);

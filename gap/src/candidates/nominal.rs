@@ -57,7 +57,9 @@ fn plant(problem: &Problem, n: &Nominal, out: &mut Vec<Free>) {
         if n.no_load_speed.is_finite() {
             out.push(log(P::Motor, k.speed));
         }
-        if measured(problem, Channel::BusVoltage) && k.supply.is_some() {
+        // A drive that is asked for a voltage reaches that of its bus, measured or not.
+        let shows = measured(problem, Channel::BusVoltage) || n.output == Output::Voltage;
+        if shows && k.supply.is_some() {
             out.push(log(P::Supply, k.supply));
         }
     }

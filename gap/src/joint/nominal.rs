@@ -29,6 +29,8 @@ pub struct Nominal {
     pub period_s: f64,
     /// Largest controller output.
     pub limit: f64,
+    /// Largest duty of a drive that is asked for a voltage: 1, infinite where no supply is stated.
+    pub duty_limit: f64,
     /// Largest speed of a velocity servo.
     pub speed_limit: f64,
     /// Largest effort of an effort or velocity servo.
@@ -79,7 +81,8 @@ pub fn known(b: &Bench) -> Known {
     let c = &b.controller;
     let stall = tolerance(b.max_effort.or(b.effort_per_volt));
     let n = nominal(b);
-    let limited = n.limit.is_finite() || n.effort_limit.is_finite() || n.speed_limit.is_finite();
+    let all = [n.limit, n.duty_limit, n.effort_limit, n.speed_limit];
+    let limited = all.iter().any(|x| x.is_finite());
     Known {
         limit: limited || b.command != Command::Position,
         inertia: tolerance(b.inertia),
@@ -177,7 +180,6 @@ pub fn nominal(b: &Bench) -> Nominal {
     let unit = c.kp.is_some() || given.is_some();
     let default_limit = match output {
         Output::Duty if unit => 1.0,
-        Output::Voltage if b.supply_v.is_some() => supply_v,
         _ => f64::INFINITY,
     };
     // A drive of known voltage and top speed turns amperes into effort as it turns speed into volts.
@@ -201,6 +203,10 @@ pub fn nominal(b: &Bench) -> Nominal {
         kd,
         period_s: value(c.period_s, 0.0).max(0.0),
         limit: value(c.limit.filter(|_| unit), default_limit),
+        duty_limit: match output {
+            Output::Voltage if b.supply_v.is_some() => 1.0,
+            _ => free,
+        },
         speed_limit: if output == Output::Velocity {
             value(b.max_speed, free)
         } else {

@@ -90,7 +90,8 @@ pub(super) fn drive<F: Lane>(m: &Model<F>, s: &mut State<F>, u: F, output: Outpu
             let duty = if output == Output::Duty {
                 u
             } else {
-                u / m.supply
+                // A drive that is asked for a voltage divides by that of its bus, and gives no more than it.
+                (u / s.bus.max(F::splat(f64::MIN_POSITIVE))).clamp(-m.duty_limit, m.duty_limit)
             };
             s.duty = duty;
             if m.used.sag {

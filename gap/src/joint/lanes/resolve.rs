@@ -56,6 +56,8 @@ pub(super) struct Model<F> {
     pub(super) stiff: F,
     /// Ratio of what a load takes from its speed to what that time constant implies.
     pub(super) droop: F,
+    /// Largest duty of a drive that is asked for a voltage.
+    pub(super) duty_limit: F,
     pub(super) effort_limit: F,
     pub(super) speed_limit: F,
     pub(super) sag: F,
@@ -225,6 +227,7 @@ pub(super) fn resolve<F: Lane>(run: &RunData, p: &[Params], dt: f64) -> Model<F>
         limit: of(&limit),
         stiff: of(&|p| inertia(p) / ((dt + p.get(P::Grip)) * p.get(P::Droop))),
         droop: get(P::Droop),
+        duty_limit: F::splat(n.duty_limit),
         effort_limit: of(&effort_limit),
         speed_limit: F::splat(n.speed_limit),
         sag: get(P::Sag),
