@@ -1,6 +1,6 @@
 //! When set-points were sent that a log shows: a row shows what was sent since the row before it.
 
-/// Halvings of the bracket in which a period is looked for: to the last bits of an f64.
+/// Times that the bracket of a period shrinks to two thirds: to the last bits of an f64.
 const STEPS: usize = 120;
 
 /// Set-points that a column of a log shows: when each was sent, s from the first row, and its value.
@@ -61,7 +61,7 @@ fn regular(shown_s: &[f64], before_s: &[f64]) -> Option<Vec<f64>> {
         let [low, high] = ends(period_s);
         high - low
     };
-    // The width of the strip that holds all rows is convex in the period.
+    // The width of the strip that holds all rows is convex in the period. A mean gap is off by rows at its ends only.
     let [mut low_s, mut high_s] = [-2.0, 2.0].map(|rows| mean_s + rows * row_s / last);
     for _ in 0..STEPS {
         let third = (high_s - low_s) / 3.0;
