@@ -88,12 +88,11 @@ impl Data {
         let stated = &manifest.bench;
         let effort = stated.inertia.is_some() || stated.max_effort.is_some();
         let absolute = unsigned(&mut recordings, effort);
-        let mut problem = Problem::new(manifest, &recordings, 0)?;
+        let problem = Problem::new(manifest, &recordings, 0)?;
         let fit = of_fit(&problem);
         if fit.is_empty() {
             return None;
         }
-        super::transport::regular(&mut problem);
         let every = problem.clone();
         let problem = problem.merged(&fit);
         let known = efforts_known(&problem);

@@ -261,7 +261,6 @@ pub(super) fn lost(
     point: &Point,
 ) -> Option<Lost> {
     let mut problem = Problem::new(manifest, recordings, 0)?;
-    super::transport::regular(&mut problem);
     predicted(&mut problem, data.horizon_s());
     let all = problem.runs.iter();
     let mut runs: Vec<Run<'_>> = all.map(|r| Run::new(r, data)).collect();

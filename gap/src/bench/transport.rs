@@ -3,8 +3,8 @@
 use files::dataset::{Manifest, Recording, Signal};
 
 use super::rows::Read;
+use crate::joint::Problem;
 use crate::joint::arrival::regularity;
-use crate::joint::{Problem, RunData};
 use crate::names::jitter_s;
 use crate::vocabulary::Effect;
 
@@ -100,55 +100,4 @@ fn irregular(problem: &Problem, error: f64) -> Option<Read> {
         [way.lost, off],
         evidence,
     ))
-}
-
-/// Least number of set-points from which their interval is read.
-const FEW: usize = 10;
-
-/// The interval at which set-points are sent, s, where they are sent at all ticks of one.
-fn interval_s(runs: &[RunData]) -> Option<f64> {
-    let mut gaps = Vec::new();
-    for r in runs
-        .iter()
-        .filter(|r| r.curved && r.command_t_s.len() > FEW)
-    {
-        let t = &r.command_t_s;
-        let own: Vec<f64> = t.windows(2).map(|w| w[1] - w[0]).collect();
-        let usual = crate::math::median(&own);
-        // Set-points that did not change leave gaps of several intervals; rows show a single one longer or shorter.
-        let single: Vec<f64> = own.into_iter().filter(|g| *g < 1.75 * usual).collect();
-        let rough = crate::math::mean(&single);
-        let count = ((t[t.len() - 1] - t[1]) / rough).round();
-        gaps.push((t[t.len() - 1] - t[1]) / count.max(1.0));
-    }
-    (!gaps.is_empty()).then(|| crate::math::median(&gaps))
-}
-
-/// Puts set-points at the instants at which they were sent, where rows show each of them late by a part of a row.
-pub(super) fn regular(problem: &mut Problem) {
-    let Some(interval) = interval_s(&problem.runs) else {
-        return;
-    };
-    let row = super::data::row_s(problem);
-    for run in &mut problem.runs {
-        if run.command_t_s.len() < 2 {
-            continue;
-        }
-        let first = run.command_t_s[1];
-        let off: Vec<f64> = run.command_t_s[1..]
-            .iter()
-            .map(|t| {
-                let n = (t - first) / interval;
-                (n - n.round()) * interval
-            })
-            .collect();
-        let low = off.iter().copied().fold(f64::INFINITY, f64::min);
-        let high = off.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        if high - low > 1.05 * row || row >= interval || high - low < 1e-6 {
-            continue;
-        }
-        for (t, off) in run.command_t_s[1..].iter_mut().zip(&off) {
-            *t -= off - low;
-        }
-    }
 }
