@@ -66,20 +66,24 @@ fn set_points_at_20_hz_move_the_joint_alike_in_logs_of_50_and_100_hz() {
 fn a_drive_that_is_asked_for_a_voltage_reaches_that_of_its_bus() {
     let bench = "inertia_kg_m2 = 0.02\nmax_effort_nm = 5.0\nmax_speed_rad_s = 3.0\nsupply_v = 12.0\n\
         [bench.controller]\nkind = \"p\"\nkp = 100.0\noutput = \"voltage\"\nperiod_s = 0.001\n";
-    let top_rad_s = |target: f64, supply: f64| {
+    let top_rad_s = |target: f64, supply: f64, sag_ohm: f64| {
         let p = run(bench, &rows(400, 0.005, 0.0, 1, |_| target));
         let mut trace = Trace::new();
-        let params = Params::default().with(P::Supply, supply);
+        let params = Params::default()
+            .with(P::Supply, supply)
+            .with(P::Sag, sag_ohm);
         simulate(&p.runs[0], &params, p.dt_s, &mut trace);
         let speed = |w: &[[f64; gap::joint::data::CHANNELS]]| (w[1][0] - w[0][0]) / 0.005;
         trace.windows(2).map(speed).fold(0.0, f64::max)
     };
     for supply in [0.8, 1.0, 1.2] {
-        let top = top_rad_s(4.0, supply);
+        let top = top_rad_s(4.0, supply, 0.0);
         assert!((top - 3.0 * supply).abs() < 0.01, "{supply}: {top}");
     }
-    let [low, high] = [0.8, 1.2].map(|supply| top_rad_s(0.05, supply));
+    let below = [(0.8, 0.0), (1.2, 0.0), (1.0, 4.0)];
+    let [low, high, sags] = below.map(|(supply, ohm)| top_rad_s(0.05, supply, ohm));
     assert!((low - high).abs() < 1e-9, "{low} {high}");
+    assert!((sags / high - 1.0).abs() < 0.01, "{sags} {high}");
 }
 
 #[test]
