@@ -28,6 +28,9 @@ pub struct Tail {
     pub middle: f64,
     /// Mean of its largest values ([`TAIL`] of all), less the median.
     pub reach: f64,
+    /// What counts as one beyond the tail; of files that do not say so, the reach.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<f64>,
 }
 
 impl Tail {
@@ -35,6 +38,7 @@ impl Tail {
     const PLAIN: Self = Self {
         middle: 0.0,
         reach: 1.0,
+        unit: None,
     };
 
     fn of(evidence: &[f64]) -> Self {
@@ -45,11 +49,17 @@ impl Tail {
         Self {
             middle,
             reach: (math::mean(&sorted[..top]) - middle).max(1.0),
+            unit: Some(1.0),
         }
     }
 
+    /// One at the end of the tail, and one more a unit beyond it.
     fn standard(self, evidence: f64) -> f64 {
-        (evidence - self.middle) / self.reach
+        1.0 + (evidence - self.middle - self.reach) / self.unit.unwrap_or(self.reach)
+    }
+
+    fn evidence(self, standard: f64) -> f64 {
+        self.middle + self.reach + (standard - 1.0) * self.unit.unwrap_or(self.reach)
     }
 }
 
@@ -88,22 +98,42 @@ fn tails(robots: &[&BTreeMap<Shown, f64>]) -> BTreeMap<String, Tail> {
         .collect()
 }
 
-/// Tails of what is left in blocks, dB, by kinds that enough robots have.
+/// Stands between a kind of block and what puts it out, in a kind that says both.
+const BY: &str = " by ";
+
+/// The kind of a block without what puts it out.
+fn plain(kind: &str) -> &str {
+    kind.split_once(BY).map_or(kind, |k| k.0)
+}
+
+/// Tails of what is left in blocks, dB, by kinds that enough robots have, and by those without what puts them out.
 fn lefts(robots: &[&Vec<(String, f64)>]) -> BTreeMap<String, Tail> {
     let mut values: BTreeMap<&str, (usize, Vec<f64>)> = BTreeMap::new();
     for robot in robots {
-        let kinds: BTreeSet<&str> = robot.iter().map(|r| r.0.as_str()).collect();
+        let own = robot.iter();
+        let both = own.flat_map(|(k, left)| {
+            BTreeSet::from([k.as_str(), plain(k)])
+                .into_iter()
+                .map(move |k| (k, *left))
+        });
+        let both: Vec<(&str, f64)> = both.collect();
+        let kinds: BTreeSet<&str> = both.iter().map(|r| r.0).collect();
         kinds
             .into_iter()
             .for_each(|k| values.entry(k).or_default().0 += 1);
-        for (kind, left) in robot.iter() {
-            values.entry(kind).or_default().1.push(*left);
+        for (kind, left) in both {
+            values.entry(kind).or_default().1.push(left);
         }
     }
     let enough = values.into_iter().filter(|v| v.1.0 >= LEAST);
     enough
         .map(|(kind, (_, all))| (kind.to_owned(), Tail::of(&all)))
         .collect()
+}
+
+/// The tail of a kind, or of the kind without what puts it out.
+fn left<'a>(lefts: &'a BTreeMap<String, Tail>, kind: &str) -> Option<&'a Tail> {
+    lefts.get(kind).or_else(|| lefts.get(plain(kind)))
 }
 
 /// Share of the values that make a tail.
@@ -132,7 +162,7 @@ impl Shown {
 
     /// Name by which it stands in a calibration.
     fn key(&self) -> String {
-        format!("{} by {}", self.name(), self.by)
+        format!("{}{BY}{}", self.name(), self.by)
     }
 }
 
@@ -150,7 +180,7 @@ impl From<&Cause> for Shown {
 
 /// What searches of robots without a cause found: the null distribution of the strongest evidence.
 ///
-/// The evidence of each effect is taken in units of the tail that such robots have of it. An effect that is hard to tell
+/// The evidence of each effect counts beyond the tail that such robots have of it. An effect that is hard to tell
 /// from their differences asks more of itself, not of all others. The largest of standardised statistics has the level
 /// that is stated (Westfall and Young 1993).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -161,12 +191,12 @@ pub struct Calibration {
     pub command: String,
     /// Where the robots come from.
     pub source: String,
-    /// Largest evidence of each of them over all effects, in units of their tails, ascending.
+    /// Largest evidence of each of them over all effects, beyond their tails, ascending.
     pub strongest: Vec<f64>,
     /// Tails by effect, and by what shows it where enough robots have that; without any the evidence counts as it is.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub tails: BTreeMap<String, Tail>,
-    /// What the best set leaves of each of them, ascending; of robots, the largest over all blocks in units of `lefts`.
+    /// What the best set leaves of each of them, ascending; of robots, the largest over all blocks beyond `lefts`.
     /// Empty where nothing was measured of it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub remainders: Vec<f64>,
@@ -176,6 +206,9 @@ pub struct Calibration {
     /// What they differ by from the nominal model.
     #[serde(default)]
     pub spreads: Spreads,
+    /// The same of joints by what their controllers put out, where enough of them put out that.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub drives: BTreeMap<String, Spreads>,
     /// How far the size of a cause is off because its law is not quite ours, one standard deviation as a share of the
     /// size, by stage: of robots whose causes are known.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -199,7 +232,7 @@ pub enum CalibrationError {
 
 const SCHEMA: &str = "rb.calibration/5";
 /// Fewest robots whose strongest evidence says anything: with 19 a cause at least has p = 0.05.
-const LEAST: usize = 19;
+pub(crate) const LEAST: usize = 19;
 
 impl Calibration {
     /// How far a size of an effect of `stage` is off because of its law, as a share of the size.
@@ -231,11 +264,12 @@ impl Calibration {
             remainders: Vec::new(),
             lefts: BTreeMap::new(),
             spreads: Spreads::default(),
+            drives: BTreeMap::new(),
             laws: BTreeMap::new(),
         })
     }
 
-    /// From the largest evidence of every effect of robots without a cause. Each is taken in units of the tails of the
+    /// From the largest evidence of every effect of robots without a cause. Each is taken beyond the tails of the
     /// others, as that of a robot to come will be: in its own tail no value stands out.
     ///
     /// # Errors
@@ -256,6 +290,12 @@ impl Calibration {
         Ok(Self { tails, ..own })
     }
 
+    /// What joints differ by whose controllers put out the same.
+    #[must_use]
+    pub fn spreads_of(&self, drive: &str) -> &Spreads {
+        self.drives.get(drive).unwrap_or(&self.spreads)
+    }
+
     /// The same with what the best sets leave.
     #[must_use]
     pub fn with_remainders(mut self, mut remainders: Vec<f64>) -> Self {
@@ -272,7 +312,7 @@ impl Calibration {
             let lefts = lefts(&others(robots, i));
             let each = robot
                 .iter()
-                .filter_map(|(kind, left)| Some(lefts.get(kind)?.standard(*left)));
+                .filter_map(|(kind, left)| Some(self::left(&lefts, kind)?.standard(*left)));
             each.fold(f64::NEG_INFINITY, f64::max)
         };
         let remainders = robots.iter().enumerate().map(one).collect();
@@ -281,10 +321,11 @@ impl Calibration {
         own.with_remainders(remainders)
     }
 
-    /// What is left in a block, dB, in units of its tail; `None` for a kind that too few robots of the calibration had.
+    /// What is left in a block, dB, beyond the tail of its kind, which says what puts it out after "by" if that matters;
+    /// `None` for a kind that too few robots of the calibration had.
     #[must_use]
     pub fn standard_left(&self, kind: &str, left_db: f64) -> Option<f64> {
-        Some(self.lefts.get(kind)?.standard(left_db))
+        Some(left(&self.lefts, kind)?.standard(left_db))
     }
 
     /// Reads a file that [`Calibration::to_json`] wrote.
@@ -299,6 +340,7 @@ impl Calibration {
         let own = Self::new(read.strongest, &read.command, &read.source)?;
         let own = Self {
             spreads: read.spreads,
+            drives: read.drives,
             tails: read.tails,
             lefts: read.lefts,
             laws: read.laws,
@@ -338,6 +380,7 @@ impl Calibration {
             remainders: Vec::new(),
             lefts: BTreeMap::new(),
             spreads: Spreads::default(),
+            drives: BTreeMap::new(),
             laws: BTreeMap::new(),
         })
     }
@@ -364,11 +407,11 @@ impl Calibration {
     /// than its absence by one over [`LEVEL`].
     #[must_use]
     pub fn ask(&self, shown: &Shown) -> f64 {
-        let tail = tail(&self.tails, shown);
-        (tail.middle + tail.reach * self.least()).max(-libm::log(LEVEL))
+        let evidence = tail(&self.tails, shown).evidence(self.least());
+        evidence.max(-libm::log(LEVEL))
     }
 
-    /// Evidence that a cause must add, in units of its tail: the least one whose p-value is at most [`LEVEL`]; beyond all robots without
+    /// Evidence that a cause must add, beyond its tail: the least one whose p-value is at most [`LEVEL`]; beyond all robots without
     /// a cause where these are too few to tell.
     #[must_use]
     pub fn least(&self) -> f64 {
@@ -439,7 +482,7 @@ mod tests {
     }
 
     /// Of twenty effects any may show much, each once in five hundred robots: of a hundred robots most effects show it in
-    /// none. In units of tails that a robot is itself in, none would stand out as far as one to come does.
+    /// none. Beyond tails that a robot is itself in, none would stand out as far as one to come does.
     #[test]
     fn rare_evidence_of_many_effects_accuses_as_few_as_the_level_says() {
         let mut rng = crate::math::Rng::new(3);

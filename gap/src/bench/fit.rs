@@ -86,7 +86,7 @@ pub(super) fn normal(
     }
 }
 
-fn slopes(data: &Data, model: &Model, x: &[f64], errors: &Errors) -> Vec<Errors> {
+fn slopes(data: &Data<'_>, model: &Model, x: &[f64], errors: &Errors) -> Vec<Errors> {
     let steps: Vec<f64> = model
         .coordinates
         .iter()
@@ -112,7 +112,7 @@ fn slopes(data: &Data, model: &Model, x: &[f64], errors: &Errors) -> Vec<Errors>
 impl Fit {
     /// The maximum near `start`.
     pub(super) fn new(
-        data: &Data,
+        data: &Data<'_>,
         noise: &Noise,
         model: Model,
         start: &[f64],
