@@ -36,7 +36,7 @@ pub use healthy::Differ;
 pub use rows::{Causes, Word};
 pub(crate) use stated::missing;
 
-use crate::decide::{Calibration, Shown};
+use crate::decide::{CLASS, Calibration, ORDINARY, Shown};
 use crate::evidence::block::White;
 use crate::evidence::ensemble::Spreads;
 use crate::joint::nominal::nominal;
@@ -119,6 +119,8 @@ struct Explained<'a> {
     bare: Set,
     found: Found,
     remainder: remainder::Remainder,
+    /// It leaves more than is ordinary of joints without a cause.
+    unusual: bool,
 }
 
 /// A joint fitted without a cause.
@@ -131,14 +133,12 @@ struct Bare<'a> {
 }
 
 impl<'a> Bare<'a> {
-    /// The joint over whole runs; lost set-points that show around the fit are taken out.
+    /// The joint over whole runs.
     fn new(asked: &Asked<'_, 'a>, known: Known<'a>) -> Result<Self, BenchError> {
         let error = search::model_error(known.spreads);
         let transport = Transport::new(asked.manifest, asked.recordings, asked.withhold, error);
         let recordings = transport.cut.clone();
-        let own = Self::of(asked, known, &recordings, transport).ok_or(BenchError::Nothing)?;
-        let again = own.without_losses(asked, known, &own.bare);
-        Ok(again.unwrap_or(own))
+        Self::of(asked, known, &recordings, transport).ok_or(BenchError::Nothing)
     }
 
     fn of(
@@ -157,6 +157,22 @@ impl<'a> Bare<'a> {
             search,
             bare,
         })
+    }
+
+    /// The same over another horizon.
+    fn over(&self, data: Data<'a>, search: Search<'a>, bare: Set) -> Self {
+        Self {
+            recordings: self.recordings.clone(),
+            transport: self.transport.clone(),
+            data,
+            search,
+            bare,
+        }
+    }
+
+    /// Logarithm of the likelihood of the joint with a set.
+    fn total(&self, set: &Set) -> f64 {
+        self.search.noise.log_likelihood() + set.evidence
     }
 
     /// The same with the set-points that arrived, if some are lost that no echo shows: more than joints without a cause
@@ -180,61 +196,129 @@ impl<'a> Bare<'a> {
 
     /// The joint and a set over the horizon at which the joint is likeliest with it; `None` if that is the present one.
     fn likeliest(&self, set: &Set) -> Option<(Self, Set)> {
-        let total = |search: &Search<'_>, set: &Set| search.noise.log_likelihood() + set.evidence;
-        let mut most = total(&self.search, set);
+        let mut most = self.total(set);
         let mut out = None;
         for horizon_s in data::HORIZONS_S {
             let data = self.data.over(horizon_s);
             let (search, here) = self.search.around(&data, set);
-            let own = total(&search, &here);
-            if own > most && !data.stop.asked() {
-                most = own;
+            let total = search.noise.log_likelihood() + here.evidence;
+            if total > most && !self.data.stop.asked() {
+                most = total;
                 out = Some((data, search, here));
             }
         }
-        let (data, search, set) = out?;
-        let bare = search.set_at(&data, Vec::new(), &self.bare.fit.point());
-        let own = Self {
-            recordings: self.recordings.clone(),
-            transport: self.transport.clone(),
-            data,
-            search,
-            bare,
+        let (data, search, here) = out?;
+        let bare = if here.members.is_empty() {
+            here.clone()
+        } else {
+            search.set_at(&data, Vec::new(), &self.bare.fit.point())
         };
-        Some((own, set))
+        Some((self.over(data, search, bare), here))
     }
 
-    /// Searches for causes over whole runs, and from those over the horizon at which the joint is likeliest with them.
-    fn found(mut self, asked: &Asked<'_, 'a>) -> (Self, Found) {
-        let ask = |kind| asked.ask(&self.data, kind);
-        let found = self.search.run(&self.data, &self.bare, &ask, asked.watch);
-        let Some((mut near, set)) = self.likeliest(&found.best) else {
-            return (self, found);
-        };
-        let other = near.search.run(&near.data, &set, &ask, asked.watch);
-        if other.partial {
-            let partial = true;
-            return (self, Found { partial, ..found });
+    /// The joint without a cause over the horizon at which all hypotheses together could make it likeliest, fitted there
+    /// from its start; `None` if around the present set they make it as likely. A loop that swings is out of step with
+    /// whole runs, and no set of these leads to its cause.
+    fn afresh(&self, asked: &Asked<'_, 'a>, known: Known<'a>) -> Option<Self> {
+        let mut most = self.search.noise.reach() + CLASS;
+        let mut out = None;
+        for horizon_s in data::HORIZONS_S {
+            let data = self.data.over(horizon_s);
+            let cut = self.transport.cut_off();
+            let search = Search::from(&data, asked, cut, known, self.search.start);
+            let reach = search.noise.reach();
+            if reach > most && !self.data.stop.asked() {
+                most = reach;
+                out = Some((data, search));
+            }
         }
-        let total =
-            |own: &Self, found: &Found| own.search.noise.log_likelihood() + found.best.evidence;
-        if total(&near, &other) > total(&self, &found) {
-            (near, other)
-        } else {
-            (self, found)
+        let (data, mut search) = out?;
+        let bare = search.bare(&data);
+        Some(self.over(data, search, bare))
+    }
+
+    /// The joint over the horizon at which it is likeliest without a cause.
+    fn nearest(self, asked: &Asked<'_, 'a>, known: Known<'a>) -> Self {
+        let own = self.likeliest(&self.bare).map_or(self, |near| near.0);
+        match own.afresh(asked, known) {
+            Some(other) if other.total(&other.bare) > own.total(&own.bare) => other,
+            _ => own,
         }
+    }
+
+    /// What of the causes stands before another calibration.
+    fn strictly(&mut self, calibration: &Calibration, found: Found) -> Found {
+        if found.best.members.is_empty() {
+            return found;
+        }
+        let ask = |kind| calibration.ask(&shown(&self.data, kind));
+        let (best, noise) = (found.best.clone(), self.search.noise.clone());
+        let stands = self.search.rechecked(&self.data, best, &ask);
+        if self.data.stop.asked() {
+            self.search.noise = noise;
+            return Found {
+                partial: true,
+                ..found
+            };
+        }
+        Found {
+            steps: found.steps,
+            next: found.next,
+            ..stands
+        }
+    }
+
+    /// Searches for causes over whole runs, from those over the horizon at which the joint is likeliest with them, and
+    /// afresh over the one at which all hypotheses could make it likelier still.
+    fn found(mut self, asked: &Asked<'_, 'a>, known: Known<'a>) -> (Self, Found) {
+        // What is asked depends on what was measured, not on the horizon.
+        let data = self.data.clone();
+        let ask = |kind| asked.ask(&data, kind);
+        let mut found = self.search.run(&self.data, &self.bare, &ask, asked.watch);
+        if let Some((mut near, set)) = self.likeliest(&found.best) {
+            let mut other = near.search.run(&near.data, &set, &ask, asked.watch);
+            let grown = found.steps.iter().cloned();
+            other.steps = grown.chain(other.steps).collect();
+            if other.partial {
+                found.partial = true;
+            } else if near.total(&other.best) > self.total(&found.best) {
+                (self, found) = (near, other);
+            }
+        }
+        if let Some(mut fresh) = self.afresh(asked, known) {
+            let other = fresh
+                .search
+                .run(&fresh.data, &fresh.bare, &ask, asked.watch);
+            if other.partial {
+                found.partial = true;
+            } else if fresh.total(&other.best) > self.total(&found.best) {
+                (self, found) = (fresh, other);
+            }
+        }
+        (self, found)
     }
 }
 
 fn explain<'a>(asked: &Asked<'_, 'a>, known: Known<'a>) -> Result<Explained<'a>, BenchError> {
-    let (mut own, mut found) = Bare::new(asked, known)?.found(asked);
-    // Losses may show around the causes only.
+    let (mut own, mut found) = Bare::new(asked, known)?.found(asked, known);
+    // Losses show around the causes.
     if let Some(again) = own.without_losses(asked, known, &found.best) {
-        (own, found) = again.found(asked);
+        (own, found) = again.found(asked, known);
     }
-    let [before, after] = [&own.bare, &found.best].map(|s| s.fit.point());
+    let left = |own: &Bare<'_>, found: &Found| {
+        let [before, after] = [&own.bare, &found.best].map(|s| s.fit.point());
+        remainder::remainder(&own.data, &before, &after)
+    };
+    let mut remainder = left(&own, &found);
+    let ordinary = |c: &Calibration| remainder.p_value(c) >= ORDINARY;
+    let unusual = asked.calibration.is_some_and(|c| !ordinary(c));
+    if let Some(strict) = asked.calibration.filter(|_| unusual && !found.partial) {
+        found = own.strictly(&strict.of_unusual(), found);
+        remainder = left(&own, &found);
+    }
     Ok(Explained {
-        remainder: remainder::remainder(&own.data, &before, &after),
+        remainder,
+        unusual,
         data: own.data,
         recordings: own.recordings,
         transport: own.transport,
@@ -290,9 +374,9 @@ fn healthy<'a>(
         spreads,
         laws: NONE,
     };
-    let own = Bare::new(&asked, known)?;
-    let near = own.likeliest(&own.bare);
-    Ok(near.map_or(own, |near| near.0))
+    let own = Bare::new(&asked, known)?.nearest(&asked, known);
+    let again = own.without_losses(&asked, known, &own.bare);
+    Ok(again.map_or(own, |again| again.nearest(&asked, known)))
 }
 
 /// A joint without a cause as a block of errors: what [`Spreads::learned`] learns from what joints differ by.

@@ -136,6 +136,28 @@ fn left<'a>(lefts: &'a BTreeMap<String, Tail>, kind: &str) -> Option<&'a Tail> {
     lefts.get(kind).or_else(|| lefts.get(plain(kind)))
 }
 
+/// Largest evidence of each robot over all effects, beyond the tails of the others.
+fn beyond_tails(robots: &[BTreeMap<Shown, f64>]) -> Vec<f64> {
+    let one = |(i, robot): (usize, &BTreeMap<Shown, f64>)| {
+        let tails = tails(&others(robots, i));
+        let standard = robot.iter().map(|(s, x)| tail(&tails, s).standard(*x));
+        standard.fold(f64::NEG_INFINITY, f64::max)
+    };
+    robots.iter().enumerate().map(one).collect()
+}
+
+/// The most that each robot leaves over all kinds, beyond the tails of the others.
+fn remainders(robots: &[Vec<(String, f64)>]) -> Vec<f64> {
+    let one = |(i, robot): (usize, &Vec<(String, f64)>)| {
+        let lefts = lefts(&others(robots, i));
+        let each = robot
+            .iter()
+            .filter_map(|(kind, db)| Some(left(&lefts, kind)?.standard(*db)));
+        each.fold(f64::NEG_INFINITY, f64::max)
+    };
+    robots.iter().enumerate().map(one).collect()
+}
+
 /// Share of the values that make a tail.
 const TAIL: f64 = 0.05;
 
@@ -193,6 +215,9 @@ pub struct Calibration {
     pub source: String,
     /// Largest evidence of each of them over all effects, beyond their tails, ascending.
     pub strongest: Vec<f64>,
+    /// The same of those that leave more than is ordinary, where enough of them do; `strongest` is that of the others then.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub unusual: Vec<f64>,
     /// Tails by effect, and by what shows it where enough robots have that; without any the evidence counts as it is.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub tails: BTreeMap<String, Tail>,
@@ -260,6 +285,7 @@ impl Calibration {
             command: command.into(),
             source: source.into(),
             strongest,
+            unusual: Vec::new(),
             tails: BTreeMap::new(),
             remainders: Vec::new(),
             lefts: BTreeMap::new(),
@@ -279,15 +305,48 @@ impl Calibration {
         command: &str,
         source: &str,
     ) -> Result<Self, CalibrationError> {
-        let one = |(i, robot): (usize, &BTreeMap<Shown, f64>)| {
-            let tails = tails(&others(robots, i));
-            let standard = robot.iter().map(|(s, x)| tail(&tails, s).standard(*x));
-            standard.fold(f64::NEG_INFINITY, f64::max)
-        };
-        let strongest = robots.iter().enumerate().map(one).collect();
-        let own = Self::new(strongest, command, source)?;
+        let own = Self::new(beyond_tails(robots), command, source)?;
         let tails = tails(&robots.iter().collect::<Vec<_>>());
         Ok(Self { tails, ..own })
+    }
+
+    /// The same of robots of which `lefts` says what they leave. Those that leave more than is ordinary show more evidence
+    /// too, and are decided by their like (Mondrian conformal prediction: Vovk, Gammerman and Shafer 2005).
+    ///
+    /// # Errors
+    /// Too few robots.
+    pub fn by_remainder(
+        robots: &[BTreeMap<Shown, f64>],
+        lefts: &[Vec<(String, f64)>],
+        command: &str,
+        source: &str,
+    ) -> Result<Self, CalibrationError> {
+        let own = Self::by_effect(robots, command, source)?.with_lefts(lefts);
+        let all = beyond_tails(robots).into_iter().zip(remainders(lefts));
+        let ordinary = |r: &(f64, f64)| own.remainder_p(r.1) >= ORDINARY;
+        let (usual, unusual): (Vec<_>, Vec<_>) = all.partition(ordinary);
+        if usual.len() < LEAST || unusual.len() < LEAST {
+            return Ok(own);
+        }
+        let sorted = |all: Vec<(f64, f64)>| {
+            let strongest = all.into_iter().map(|r| r.0).collect();
+            Self::new(strongest, command, source).map(|c| c.strongest)
+        };
+        Ok(Self {
+            strongest: sorted(usual)?,
+            unusual: sorted(unusual)?,
+            ..own
+        })
+    }
+
+    /// What decides about robots that leave more than is ordinary.
+    #[must_use]
+    pub fn of_unusual(&self) -> Self {
+        let mut out = self.clone();
+        if !out.unusual.is_empty() {
+            out.strongest = std::mem::take(&mut out.unusual);
+        }
+        out
     }
 
     /// What joints differ by whose controllers put out the same.
@@ -308,14 +367,7 @@ impl Calibration {
     /// The same with what no column explains in the blocks of robots: kind of the block and dB.
     #[must_use]
     pub fn with_lefts(self, robots: &[Vec<(String, f64)>]) -> Self {
-        let one = |(i, robot): (usize, &Vec<(String, f64)>)| {
-            let lefts = lefts(&others(robots, i));
-            let each = robot
-                .iter()
-                .filter_map(|(kind, left)| Some(self::left(&lefts, kind)?.standard(*left)));
-            each.fold(f64::NEG_INFINITY, f64::max)
-        };
-        let remainders = robots.iter().enumerate().map(one).collect();
+        let remainders = remainders(robots);
         let lefts = lefts(&robots.iter().collect::<Vec<_>>());
         let own = Self { lefts, ..self };
         own.with_remainders(remainders)
@@ -339,6 +391,7 @@ impl Calibration {
         }
         let own = Self::new(read.strongest, &read.command, &read.source)?;
         let own = Self {
+            unusual: read.unusual,
             spreads: read.spreads,
             drives: read.drives,
             tails: read.tails,
@@ -376,6 +429,7 @@ impl Calibration {
             command: String::new(),
             source: String::new(),
             strongest: vec![f64::MAX; LEAST],
+            unusual: Vec::new(),
             tails: BTreeMap::new(),
             remainders: Vec::new(),
             lefts: BTreeMap::new(),
@@ -506,6 +560,32 @@ mod tests {
     }
 
     #[test]
+    fn robots_that_leave_much_are_decided_by_their_like() {
+        let mut rng = crate::math::Rng::new(4);
+        let late = Shown::new(Some(Effect::Latency), "joint");
+        let (mut shown, mut left) = (Vec::new(), Vec::new());
+        for i in 0..400 {
+            // One in twelve has a law that is not ours: it leaves 20 dB, and much evidence of what is not there.
+            let [most, db] = if i % 12 == 0 {
+                [200.0, 20.0]
+            } else {
+                [5.0, 0.0]
+            };
+            shown.push(BTreeMap::from([(late.clone(), most * rng.uniform())]));
+            left.push(vec![("position".to_owned(), db + rng.normal())]);
+        }
+        let c = Calibration::by_remainder(&shown, &left, "test", "numbers").expect("enough");
+        assert_eq!(c.strongest.len() + c.unusual.len(), 400);
+        assert!(c.ask(&late) < 30.0, "{c:?}");
+        assert!(c.of_unusual().ask(&late) > 150.0, "{c:?}");
+        let one = Calibration::by_effect(&shown, "test", "numbers").expect("enough");
+        assert!(one.ask(&late) > 150.0, "{one:?}");
+        // Too few of either to say so: as one.
+        let few = Calibration::by_remainder(&shown[..60], &left[..60], "test", "numbers");
+        assert!(few.expect("enough").unusual.is_empty());
+    }
+
+    #[test]
     fn the_shipped_files_are_calibrations() {
         for shipped in [Calibration::shipped(), Calibration::shipped_joint()] {
             assert!(shipped.strongest.len() >= LEAST, "{shipped:?}");
@@ -527,6 +607,7 @@ mod tests {
         };
         let left = vec![("body".to_owned(), 1.0)];
         whole = whole.with_lefts(&vec![left; 49]);
+        whole.unusual = vec![1.0, 2.0];
         whole
             .spreads
             .columns

@@ -419,7 +419,7 @@ fn a_zero_that_drifts_is_unknown_between_encoder_and_link() {
     // A gear that slips slowly moves the link from the encoder alike.
     let alike = ["conventions", "transmission"];
     let place = v.place[0].stage.as_str();
-    assert!(alike.contains(&place), "{:?}", v.place);
+    assert!(alike.contains(&place), "{:?} {}", v.place, v.sentence);
     let total: f64 = v.place.iter().map(|w| w.share).sum();
     assert!((total - 1.0).abs() < 1e-9, "{total}");
 }

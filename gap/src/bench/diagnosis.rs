@@ -246,6 +246,13 @@ pub fn diagnose(
     };
     let explained = explain(&asked, known)?;
     let arrived = arrived(manifest, recordings);
+    let of_unusual;
+    let calibration = if explained.unusual {
+        of_unusual = calibration.of_unusual();
+        &of_unusual
+    } else {
+        calibration
+    };
     let own = Whole {
         e: &explained,
         split: &split,

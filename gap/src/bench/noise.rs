@@ -161,6 +161,12 @@ impl Noise {
         -self.count * own - 0.5 * log_determinant(&self.factor, self.healthy.len())
     }
 
+    /// The same of errors as large as the noise: what a set can reach that leaves no more.
+    pub(super) fn reach(&self) -> f64 {
+        let rows: f64 = self.weights.iter().flatten().sum();
+        self.log_likelihood() - 0.5 * self.count * rows
+    }
+
     pub(super) fn white(&self, errors: &Errors) -> Errors {
         errors
             .iter()

@@ -22,6 +22,8 @@ const FITTED: usize = 8;
 const TRIED: usize = 3;
 /// Sets that explain most of the errors as they are, which are weighed too.
 const PLAINLY: usize = 2;
+/// Standard deviations of a prior within which two fits are one.
+const SAME: f64 = 0.1;
 /// Rounds in which the fit without a cause may move.
 const ROUNDS: usize = 3;
 /// Half of the squares that a hypothesis must gain to lead the fit without a cause elsewhere.
@@ -49,6 +51,18 @@ pub(super) struct Set {
     pub(super) fit: Fit,
     /// Logarithm of the evidence, prior probability included.
     pub(super) evidence: f64,
+}
+
+impl Set {
+    /// Whether both have the same causes at the same sizes, as far as their priors tell sizes apart.
+    fn is_at(&self, other: &Self) -> bool {
+        let [own, theirs] = [self, other].map(|s| (&s.fit.model.coordinates, &s.fit.x));
+        let same = |(c, x): (&Coordinate, &f64)| {
+            let at = theirs.0.iter().position(|o| o.axis == c.axis);
+            at.is_some_and(|i| (x - theirs.1[i]).abs() < SAME * c.sd)
+        };
+        self.members == other.members && own.0.iter().zip(own.1).all(same)
+    }
 }
 
 /// Another cause in the place of a member.
@@ -204,13 +218,25 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// A search of `data`, under the noise that all hypotheses together leave.
+    /// A search of `data` from where what is not stated fits best.
     pub(super) fn new(data: &Data<'_>, asked: &Asked<'_, '_>, cut: bool, known: Known<'a>) -> Self {
+        let start = Self::of(data, asked, cut, known).scattered(data);
+        Self::from(data, asked, cut, known, start)
+    }
+
+    /// A search of `data` from `start` on, under the noise that all hypotheses together leave.
+    pub(super) fn from(
+        data: &Data<'_>,
+        asked: &Asked<'_, '_>,
+        cut: bool,
+        known: Known<'a>,
+        start: Point,
+    ) -> Self {
         let mut own = Self::of(data, asked, cut, known);
-        own.start = own.scattered(data);
+        own.start = start;
         let errors = data.errors(&[own.start]).remove(0);
         own.noise = Noise::new(data, &errors, &[], MODEL_ERROR);
-        let bare = own.set_at(data, Vec::new(), &own.start);
+        let bare = own.fitted(data, Vec::new(), &own.start, RANKS);
         let mut scanned = own.scan_all(data, &bare);
         own.thin(&scanned);
         own.one_a_way(&mut scanned);
@@ -329,7 +355,7 @@ impl<'a> Search<'a> {
         let mut out = Vec::new();
         let all = self.candidates(data, std::slice::from_ref(bare));
         let plainly = self.plainly(data, bare);
-        for set in self.worth_weighing(&all, bare).into_iter().chain(&plainly) {
+        for set in self.worth_weighing(&all, bare, &plainly) {
             let own = set.members.last().map(|h| self.hypotheses[*h].kind);
             let adds = self.larger(data, bare, set).adds();
             out.extend(own.map(|own| (own, adds)));
@@ -370,11 +396,21 @@ impl<'a> Search<'a> {
         all
     }
 
-    /// The best set, and of the next those that have more evidence than the one without their cause.
-    fn worth_weighing<'s>(&self, all: &'s [Set], without: &Set) -> Vec<&'s Set> {
+    /// The best set, of the next those that have more evidence than the one without their cause, and those of `plainly`
+    /// that are none of these.
+    fn worth_weighing<'s>(
+        &self,
+        all: &'s [Set],
+        without: &Set,
+        plainly: &'s [Set],
+    ) -> Vec<&'s Set> {
         let more = |(n, s): &(usize, &Set)| *n == 0 || s.evidence > without.evidence;
         let best = all.iter().take(TRIED).enumerate();
-        best.filter(more).map(|s| s.1).collect()
+        let mut out: Vec<&Set> = best.filter(more).map(|s| s.1).collect();
+        let new = |s: &&Set| !out.iter().any(|o| o.is_at(s));
+        let others: Vec<&Set> = plainly.iter().filter(new).collect();
+        out.extend(others);
+        out
     }
 
     /// A set with one cause more, and the set without it, under the noise that the larger one leaves or under the present
@@ -483,7 +519,7 @@ impl<'a> Search<'a> {
             let plainly = self.plainly(data, &best);
             let mut nearest = None;
             let mut taken: Option<Weighed> = None;
-            for set in self.worth_weighing(&all, &best).into_iter().chain(&plainly) {
+            for set in self.worth_weighing(&all, &best, &plainly) {
                 let weighed = self.larger(data, &best, set);
                 self.tried.push((set.members.clone(), weighed.total()));
                 if self.above(&weighed.with, ask) > self.above(&weighed.without, ask) {

@@ -11,6 +11,11 @@ const EXCHANGES: usize = 8;
 const SWAPPED: usize = 4;
 
 impl Search<'_> {
+    /// What of a set stands where causes are asked for something else.
+    pub(in crate::bench) fn rechecked(&mut self, data: &Data<'_>, set: Set, ask: Ask<'_>) -> Found {
+        self.exchanged(data, set, None, ask)
+    }
+
     /// Every member against all others in its place, the other members known; `last` is the set as it grew last.
     pub(super) fn exchanged(
         &mut self,

@@ -356,9 +356,7 @@ impl Healthy {
             bar.inc(1);
         }
         bar.finish_and_clear();
-        let mut out = Calibration::by_effect(&evidence, command, source)
-            .map_err(bad)?
-            .with_lefts(&left);
+        let mut out = Calibration::by_remainder(&evidence, &left, command, source).map_err(bad)?;
         (out.spreads, out.drives) = (differ.all, differ.drives);
         Ok(out)
     }
