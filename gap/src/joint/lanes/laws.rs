@@ -136,7 +136,12 @@ pub(super) fn mechanics<F: Lane>(
         load -= m.gravity * sin(s.q + m.half * s.dq + m.mech);
     }
     let hanging = load;
-    let elastic = m.used.elastic.then(|| Gear::new(m, s));
+    // No closure: one that does not vanish into its caller has not its caller's registers.
+    let elastic = if m.used.elastic {
+        Some(Gear::new(m, s))
+    } else {
+        None
+    };
     if let Some(gear) = &elastic {
         load = F::select(gear.gives, -gear.torque, load);
         k = F::select(gear.gives, m.k_motor, k);
@@ -175,8 +180,7 @@ pub(super) fn mechanics<F: Lane>(
         dry += stribeck(m, left.max(F::zero()));
     }
     if m.used.load {
-        let gives = elastic.as_ref().map(|g| g.gives);
-        let moved = transmitted(m, s, hanging, gives).abs();
+        let moved = transmitted(m, s, hanging, elastic.as_ref()).abs();
         let pressed = (a - b * speed).abs().max(hanging.abs());
         dry += m.load_share * (moved + m.load_of * (pressed - moved));
     }
@@ -212,9 +216,12 @@ fn warmed<F: Lane>(m: &Model<F>, s: &mut State<F>, [a, b]: [F; 2], enabled: bool
 /// What the gear transmits: the torque that turns it, or, of a rigid one, the hanging load, and the inertia behind it as it
 /// was accelerated last.
 #[inline(always)]
-fn transmitted<F: Lane>(m: &Model<F>, s: &State<F>, hanging: F, gives: Option<F::Mask>) -> F {
+fn transmitted<F: Lane>(m: &Model<F>, s: &State<F>, hanging: F, gear: Option<&Gear<F>>) -> F {
     let rigid = m.behind * s.inertial - hanging;
-    gives.map_or(rigid, |gives| F::select(gives, s.torque, rigid))
+    match gear {
+        Some(gear) => F::select(gear.gives, s.torque, rigid),
+        None => rigid,
+    }
 }
 
 /// Speed after a step under dry friction: an effort that stops it within the step if it can. Friction that gives is a
