@@ -86,81 +86,146 @@ pub(super) fn normal(
     }
 }
 
-fn slopes(data: &Data, model: &Model, x: &[f64], errors: &Errors) -> Vec<Errors> {
-    let steps: Vec<f64> = model
-        .coordinates
-        .iter()
-        .zip(x)
-        .map(|(c, x)| c.step(*x))
-        .collect();
-    let points: Vec<Point> = (0..x.len())
-        .map(|j| {
-            let mut moved = x.to_vec();
-            moved[j] += steps[j];
-            model.point(&moved)
-        })
-        .collect();
-    let mut out = data.errors(&points);
-    for (slope, step) in out.iter_mut().zip(&steps) {
-        for (s, e) in slope.iter_mut().zip(errors) {
+/// Errors at a point and their slopes.
+fn around(data: &Data<'_>, model: &Model, x: &[f64]) -> (Errors, Vec<Errors>) {
+    let own = model.coordinates.iter().zip(x);
+    let steps: Vec<f64> = own.map(|(c, x)| c.step(*x)).collect();
+    let mut points = vec![model.point(x)];
+    points.extend((0..x.len()).map(|j| {
+        let mut moved = x.to_vec();
+        moved[j] += steps[j];
+        model.point(&moved)
+    }));
+    let mut slopes = data.errors(&points);
+    let errors = slopes.remove(0);
+    for (slope, step) in slopes.iter_mut().zip(&steps) {
+        for (s, e) in slope.iter_mut().zip(&errors) {
             s.iter_mut().zip(e).for_each(|(s, e)| *s = (*s - e) / step);
         }
     }
-    out
+    (errors, slopes)
+}
+
+/// A fit on its way.
+struct Descent<'d, 'a> {
+    data: &'d Data<'a>,
+    noise: &'d Noise,
+    model: &'d Model,
+    x: Vec<f64>,
+    errors: Errors,
+    slopes: Vec<Errors>,
+    /// Whether the slopes are those of this point. Otherwise the steps since corrected them (Broyden's update).
+    fresh: bool,
+    cost: f64,
+}
+
+impl<'d, 'a> Descent<'d, 'a> {
+    fn new(data: &'d Data<'a>, noise: &'d Noise, model: &'d Model, start: &[f64]) -> Self {
+        let x = inside(model, start);
+        let (errors, slopes) = around(data, model, &x);
+        let mut out = Self {
+            data,
+            noise,
+            model,
+            x,
+            errors,
+            slopes,
+            fresh: true,
+            cost: 0.0,
+        };
+        out.cost = out.cost_of(&out.errors, &out.x);
+        out
+    }
+
+    fn cost_of(&self, errors: &Errors, x: &[f64]) -> f64 {
+        0.5 * (self.noise.left(&self.noise.white(errors)).0 + prior_squares(self.model, x))
+    }
+
+    /// Goes to the best of the steps that are tried at once; what that gains.
+    fn step(&mut self) -> f64 {
+        let white = self.noise.white(&self.errors);
+        let n = normal(self.noise, self.model, &self.x, white, &self.slopes);
+        let tried = tried(&n, &self.x, self.model);
+        let points: Vec<Point> = tried.iter().map(|x| self.model.point(x)).collect();
+        let all = self.data.errors(&points).into_iter().zip(tried);
+        let costs = all.map(|(errors, x)| (self.cost_of(&errors, &x), errors, x));
+        let best = costs.min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((cost, errors, x)) = best.filter(|b| b.0 < self.cost) else {
+            return 0.0;
+        };
+        let gain = self.cost - cost;
+        // Slopes are as good where next to nothing was gained.
+        if gain >= STANDS {
+            self.correct(&errors, &x);
+        }
+        (self.x, self.errors, self.cost) = (x, errors, cost);
+        gain
+    }
+
+    /// Corrects the slopes by what a step changed, in units of the priors: Broyden's update.
+    fn correct(&mut self, errors: &Errors, x: &[f64]) {
+        let own = self.model.coordinates.iter().zip(self.x.iter().zip(x));
+        let moved: Vec<(f64, f64)> = own.map(|(c, (a, b))| (b - a, c.sd)).collect();
+        let square: f64 = moved.iter().map(|(d, sd)| (d / sd) * (d / sd)).sum();
+        if square <= 0.0 {
+            return;
+        }
+        for s in 0..errors.len() {
+            for row in 0..errors[s].len() {
+                let each = self.slopes.iter().zip(&moved);
+                let expected: f64 = each.map(|(slope, (d, _))| slope[s][row] * d).sum();
+                let off = errors[s][row] - self.errors[s][row] - expected;
+                for (slope, (d, sd)) in self.slopes.iter_mut().zip(&moved) {
+                    slope[s][row] += off * d / (sd * sd * square);
+                }
+            }
+        }
+        self.fresh = false;
+    }
+
+    fn refresh(&mut self) {
+        if !self.fresh {
+            self.slopes = around(self.data, self.model, &self.x).1;
+            self.fresh = true;
+        }
+    }
+}
+
+/// The variables inside the bounds of their values.
+fn inside(model: &Model, x: &[f64]) -> Vec<f64> {
+    let own = model.coordinates.iter().zip(x);
+    own.map(|(c, x)| c.inside(*x)).collect()
 }
 
 impl Fit {
-    /// The maximum near `start`.
+    /// The maximum near `start`, after `most` steps at most.
     pub(super) fn new(
-        data: &Data,
+        data: &Data<'_>,
         noise: &Noise,
         model: Model,
         start: &[f64],
         most: usize,
     ) -> Self {
-        let inside = |x: &[f64]| -> Vec<f64> {
-            model
-                .coordinates
-                .iter()
-                .zip(x)
-                .map(|(c, x)| c.inside(*x))
-                .collect()
-        };
-        let mut x = inside(start);
-        let mut errors = data.errors(&[model.point(&x)]).remove(0);
-        let cost_of = |errors: &Errors, x: &[f64]| {
-            0.5 * (noise.left(&noise.white(errors)).0 + prior_squares(&model, x))
-        };
-        let mut cost = cost_of(&errors, &x);
-        let mut own = slopes(data, &model, &x, &errors);
+        let mut own = Descent::new(data, noise, &model, start);
         for _ in 0..most.min(STEPS) {
-            let n = normal(noise, &model, &x, noise.white(&errors), &own);
-            let tried = tried(&n, &x, &inside);
-            let points: Vec<Point> = tried.iter().map(|x| model.point(x)).collect();
-            let all = data.errors(&points);
-            let mut best: Option<(f64, usize)> = None;
-            for (i, (e, x)) in all.iter().zip(&tried).enumerate() {
-                let c = cost_of(e, x);
-                if c < best.map_or(cost, |b| b.0) {
-                    best = Some((c, i));
-                }
-            }
-            let Some((least, at)) = best else { break };
-            let gain = cost - least;
-            (cost, x, errors) = (least, tried[at].clone(), all[at].clone());
-            own = slopes(data, &model, &x, &errors);
+            let fresh = own.fresh;
+            let gain = own.step();
             if gain < STANDS {
-                break;
+                if fresh {
+                    break;
+                }
+                own.refresh();
             }
         }
+        own.refresh();
         let mut out = Self {
-            model,
-            x,
-            errors,
-            slopes: own,
-            cost,
+            x: own.x,
+            errors: own.errors,
+            slopes: own.slopes,
+            cost: own.cost,
             evidence: 0.0,
             factor: Vec::new(),
+            model,
         };
         out.weigh(noise);
         out
@@ -193,7 +258,7 @@ impl Fit {
 }
 
 /// The steps that are tried at once.
-fn tried(n: &Normal, x: &[f64], inside: &dyn Fn(&[f64]) -> Vec<f64>) -> Vec<Vec<f64>> {
+fn tried(n: &Normal, x: &[f64], model: &Model) -> Vec<Vec<f64>> {
     let count = x.len();
     TRIED
         .iter()
@@ -207,7 +272,7 @@ fn tried(n: &Normal, x: &[f64], inside: &dyn Fn(&[f64]) -> Vec<f64>) -> Vec<Vec<
             forward(&l, count, &mut step);
             backward(&l, count, &mut step);
             let moved: Vec<f64> = x.iter().zip(&step).map(|(x, d)| x - share * d).collect();
-            inside(&moved)
+            inside(model, &moved)
         })
         .collect()
 }
