@@ -136,7 +136,7 @@ pub(super) fn mechanics<F: Lane>(
         load -= m.gravity * sin(s.q + m.half * s.dq + m.mech);
     }
     let hanging = load;
-    // No closure: one that does not vanish into its caller has not its caller's registers.
+    // No closure: one that is not inlined is compiled without its caller's instruction set.
     let elastic = if m.used.elastic {
         Some(Gear::new(m, s))
     } else {
