@@ -1,16 +1,15 @@
 //! Which parameters the fit may move: the nominal ones within their tolerances, and one candidate per effect.
 
-mod irregular;
+mod free;
 mod nominal;
 
 use files::dataset::{Command, Output};
 
-use crate::fit::{Free, Map};
 use crate::joint::{Channel, P, Params, Problem, Trace, simulate};
 use crate::math;
 use crate::vocabulary::Effect;
 
-pub use irregular::{Irregular, irregular};
+pub use free::{Free, Map};
 pub use nominal::{base_effect, nominal, pull};
 
 /// An effect as the fit tries it.
@@ -228,10 +227,6 @@ fn transport(list: &mut List, problem: &Problem, s: &Scales) {
         &delays,
         1.0,
     );
-    // The echo of the applied set-point tells when each one arrived; what was lost never did.
-    let echoed = || vec![linear(P::Echo, 1.0, 1.0, 1.0)];
-    list.add(Effect::Jitter, "", echoed(), vec![vec![1.0]]);
-    list.add(Effect::PacketLoss, "", echoed(), vec![vec![1.0]]);
     // The whole clock is off, or only the one that plays the gait.
     for (variant, played) in [("clock", 0.0), ("gait", 1.0)] {
         let skew = linear(P::Skew, 1e-3, -0.2, 0.2);

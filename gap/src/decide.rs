@@ -1,13 +1,16 @@
 //! Decisions: every threshold of the search of causes, read from robots without a cause.
 
-use std::collections::{BTreeMap, BTreeSet};
+mod tails;
+
+use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
 use crate::evidence::cause::Cause;
 use crate::evidence::ensemble::Spreads;
-use crate::math;
 use crate::vocabulary::{Effect, Stage};
+pub use tails::Tail;
+use tails::{BY, beyond_tails, left, lefts, most, remainders, tail, tails};
 
 /// Family-wise share of robots without a cause that may be accused of one.
 pub const LEVEL: f64 = 0.01;
@@ -20,94 +23,6 @@ pub const MOST: f64 = 0.5;
 pub const PLAUSIBLE: f64 = 2.0;
 /// Likelihood ratios within which two causes are one class: a factor of 20 (Kass and Raftery 1995: strong).
 pub const CLASS: f64 = 3.0;
-
-/// Middle and upper tail of the evidence that robots without a cause show for one effect.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Tail {
-    /// Median of the evidence.
-    pub middle: f64,
-    /// Mean of its largest values ([`TAIL`] of all), less the median.
-    pub reach: f64,
-}
-
-impl Tail {
-    /// The evidence as it is.
-    const PLAIN: Self = Self {
-        middle: 0.0,
-        reach: 1.0,
-    };
-
-    fn of(evidence: &[f64]) -> Self {
-        let mut sorted = evidence.to_vec();
-        sorted.sort_by(|a, b| b.total_cmp(a));
-        let top = ((TAIL * sorted.len() as f64) as usize).max(1);
-        let middle = math::median(evidence);
-        Self {
-            middle,
-            reach: (math::mean(&sorted[..top]) - middle).max(1.0),
-        }
-    }
-
-    fn standard(self, evidence: f64) -> f64 {
-        (evidence - self.middle) / self.reach
-    }
-}
-
-/// Tail of an effect by what shows it, else of the effect; the widest of all for one that no robot of the calibration
-/// could show.
-fn tail(tails: &BTreeMap<String, Tail>, shown: &Shown) -> Tail {
-    let widest = || {
-        let reach = |t: &&Tail| t.middle + t.reach;
-        let all = tails.values();
-        all.max_by(|a, b| reach(a).total_cmp(&reach(b)))
-    };
-    let own = tails.get(&shown.key()).or_else(|| tails.get(shown.name()));
-    own.or_else(widest).copied().unwrap_or(Tail::PLAIN)
-}
-
-/// All but number `i`.
-fn others<T>(all: &[T], i: usize) -> Vec<&T> {
-    let other = all.iter().enumerate().filter(|o| o.0 != i);
-    other.map(|o| o.1).collect()
-}
-
-/// Tails of every effect, and by what shows it where enough robots have that.
-fn tails(robots: &[&BTreeMap<Shown, f64>]) -> BTreeMap<String, Tail> {
-    let mut values: BTreeMap<String, Vec<f64>> = BTreeMap::new();
-    let mut effects = BTreeSet::new();
-    for (shown, evidence) in robots.iter().copied().flatten() {
-        effects.insert(shown.name());
-        for key in [shown.name().to_owned(), shown.key()] {
-            values.entry(key).or_default().push(*evidence);
-        }
-    }
-    let all = values
-        .into_iter()
-        .filter(|(key, v)| v.len() >= LEAST || effects.contains(key.as_str()));
-    all.map(|(key, evidence)| (key, Tail::of(&evidence)))
-        .collect()
-}
-
-/// Tails of what is left in blocks, dB, by kinds that enough robots have.
-fn lefts(robots: &[&Vec<(String, f64)>]) -> BTreeMap<String, Tail> {
-    let mut values: BTreeMap<&str, (usize, Vec<f64>)> = BTreeMap::new();
-    for robot in robots {
-        let kinds: BTreeSet<&str> = robot.iter().map(|r| r.0.as_str()).collect();
-        kinds
-            .into_iter()
-            .for_each(|k| values.entry(k).or_default().0 += 1);
-        for (kind, left) in robot.iter() {
-            values.entry(kind).or_default().1.push(*left);
-        }
-    }
-    let enough = values.into_iter().filter(|v| v.1.0 >= LEAST);
-    enough
-        .map(|(kind, (_, all))| (kind.to_owned(), Tail::of(&all)))
-        .collect()
-}
-
-/// Share of the values that make a tail.
-const TAIL: f64 = 0.05;
 
 /// What a calibration tells apart: an effect, or a shape of none, and the kinds of blocks that show it.
 #[derive(Debug, Clone, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -132,7 +47,7 @@ impl Shown {
 
     /// Name by which it stands in a calibration.
     fn key(&self) -> String {
-        format!("{} by {}", self.name(), self.by)
+        format!("{}{BY}{}", self.name(), self.by)
     }
 }
 
@@ -150,7 +65,7 @@ impl From<&Cause> for Shown {
 
 /// What searches of robots without a cause found: the null distribution of the strongest evidence.
 ///
-/// The evidence of each effect is taken in units of the tail that such robots have of it. An effect that is hard to tell
+/// The evidence of each effect counts beyond the tail that such robots have of it. An effect that is hard to tell
 /// from their differences asks more of itself, not of all others. The largest of standardised statistics has the level
 /// that is stated (Westfall and Young 1993).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -161,12 +76,12 @@ pub struct Calibration {
     pub command: String,
     /// Where the robots come from.
     pub source: String,
-    /// Largest evidence of each of them over all effects, in units of their tails, ascending.
+    /// Largest evidence of each of them over all effects, beyond their tails, ascending.
     pub strongest: Vec<f64>,
     /// Tails by effect, and by what shows it where enough robots have that; without any the evidence counts as it is.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub tails: BTreeMap<String, Tail>,
-    /// What the best set leaves of each of them, ascending; of robots, the largest over all blocks in units of `lefts`.
+    /// What the best set leaves of each of them, ascending; of robots, the largest over all blocks beyond `lefts`.
     /// Empty where nothing was measured of it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub remainders: Vec<f64>,
@@ -176,6 +91,9 @@ pub struct Calibration {
     /// What they differ by from the nominal model.
     #[serde(default)]
     pub spreads: Spreads,
+    /// The same of joints by what their controllers put out, where enough of them put out that.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub drives: BTreeMap<String, Spreads>,
     /// How far the size of a cause is off because its law is not quite ours, one standard deviation as a share of the
     /// size, by stage: of robots whose causes are known.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -199,7 +117,7 @@ pub enum CalibrationError {
 
 const SCHEMA: &str = "rb.calibration/5";
 /// Fewest robots whose strongest evidence says anything: with 19 a cause at least has p = 0.05.
-const LEAST: usize = 19;
+pub(crate) const LEAST: usize = 19;
 
 impl Calibration {
     /// How far a size of an effect of `stage` is off because of its law, as a share of the size.
@@ -231,11 +149,12 @@ impl Calibration {
             remainders: Vec::new(),
             lefts: BTreeMap::new(),
             spreads: Spreads::default(),
+            drives: BTreeMap::new(),
             laws: BTreeMap::new(),
         })
     }
 
-    /// From the largest evidence of every effect of robots without a cause. Each is taken in units of the tails of the
+    /// From the largest evidence of every effect of robots without a cause. Each is taken beyond the tails of the
     /// others, as that of a robot to come will be: in its own tail no value stands out.
     ///
     /// # Errors
@@ -245,15 +164,15 @@ impl Calibration {
         command: &str,
         source: &str,
     ) -> Result<Self, CalibrationError> {
-        let one = |(i, robot): (usize, &BTreeMap<Shown, f64>)| {
-            let tails = tails(&others(robots, i));
-            let standard = robot.iter().map(|(s, x)| tail(&tails, s).standard(*x));
-            standard.fold(f64::NEG_INFINITY, f64::max)
-        };
-        let strongest = robots.iter().enumerate().map(one).collect();
-        let own = Self::new(strongest, command, source)?;
+        let own = Self::new(beyond_tails(robots), command, source)?;
         let tails = tails(&robots.iter().collect::<Vec<_>>());
         Ok(Self { tails, ..own })
+    }
+
+    /// What joints differ by whose controllers put out the same.
+    #[must_use]
+    pub fn spreads_of(&self, drive: &str) -> &Spreads {
+        self.drives.get(drive).unwrap_or(&self.spreads)
     }
 
     /// The same with what the best sets leave.
@@ -268,23 +187,23 @@ impl Calibration {
     /// The same with what no column explains in the blocks of robots: kind of the block and dB.
     #[must_use]
     pub fn with_lefts(self, robots: &[Vec<(String, f64)>]) -> Self {
-        let one = |(i, robot): (usize, &Vec<(String, f64)>)| {
-            let lefts = lefts(&others(robots, i));
-            let each = robot
-                .iter()
-                .filter_map(|(kind, left)| Some(lefts.get(kind)?.standard(*left)));
-            each.fold(f64::NEG_INFINITY, f64::max)
-        };
-        let remainders = robots.iter().enumerate().map(one).collect();
+        let remainders = remainders(robots);
         let lefts = lefts(&robots.iter().collect::<Vec<_>>());
         let own = Self { lefts, ..self };
         own.with_remainders(remainders)
     }
 
-    /// What is left in a block, dB, in units of its tail; `None` for a kind that too few robots of the calibration had.
+    /// What is left in a block, dB, beyond the tail of its kind, which says what puts it out after "by" if that matters;
+    /// `None` for a kind that too few robots of the calibration had.
     #[must_use]
     pub fn standard_left(&self, kind: &str, left_db: f64) -> Option<f64> {
-        Some(self.lefts.get(kind)?.standard(left_db))
+        Some(left(&self.lefts, kind)?.standard(left_db))
+    }
+
+    /// The most that is left of anything, beyond the tail of its kind; 0 where nothing reaches a tail.
+    #[must_use]
+    pub fn most_left(&self, left_db: &[(String, f64)]) -> f64 {
+        most(&self.lefts, left_db)
     }
 
     /// Reads a file that [`Calibration::to_json`] wrote.
@@ -299,6 +218,7 @@ impl Calibration {
         let own = Self::new(read.strongest, &read.command, &read.source)?;
         let own = Self {
             spreads: read.spreads,
+            drives: read.drives,
             tails: read.tails,
             lefts: read.lefts,
             laws: read.laws,
@@ -338,6 +258,7 @@ impl Calibration {
             remainders: Vec::new(),
             lefts: BTreeMap::new(),
             spreads: Spreads::default(),
+            drives: BTreeMap::new(),
             laws: BTreeMap::new(),
         })
     }
@@ -364,11 +285,11 @@ impl Calibration {
     /// than its absence by one over [`LEVEL`].
     #[must_use]
     pub fn ask(&self, shown: &Shown) -> f64 {
-        let tail = tail(&self.tails, shown);
-        (tail.middle + tail.reach * self.least()).max(-libm::log(LEVEL))
+        let evidence = tail(&self.tails, shown).evidence(self.least());
+        evidence.max(-libm::log(LEVEL))
     }
 
-    /// Evidence that a cause must add, in units of its tail: the least one whose p-value is at most [`LEVEL`]; beyond all robots without
+    /// Evidence that a cause must add, beyond its tail: the least one whose p-value is at most [`LEVEL`]; beyond all robots without
     /// a cause where these are too few to tell.
     #[must_use]
     pub fn least(&self) -> f64 {
@@ -439,7 +360,7 @@ mod tests {
     }
 
     /// Of twenty effects any may show much, each once in five hundred robots: of a hundred robots most effects show it in
-    /// none. In units of tails that a robot is itself in, none would stand out as far as one to come does.
+    /// none. Beyond tails that a robot is itself in, none would stand out as far as one to come does.
     #[test]
     fn rare_evidence_of_many_effects_accuses_as_few_as_the_level_says() {
         let mut rng = crate::math::Rng::new(3);

@@ -6,7 +6,6 @@
 use files::dataset::{self, Command, Signal};
 
 use crate::candidates::measured;
-use crate::fit::{Model, Objective, Stop};
 use crate::joint::data::{CHANNELS, Edge, RunData, Sample};
 use crate::joint::{Channel, Params, Problem, Trace, simulate};
 use crate::math;
@@ -218,25 +217,6 @@ fn play(problem: &Problem, motion: &Motion, truth: &Params) -> Option<Problem> {
     })
 }
 
-/// Tolerance that a channel would have which this data set lacks, as a share of its spread: what two honest simulators of
-/// one law differ by there (see [`crate::floor`]).
-fn expected_weight(data: &Problem, c: Channel, position: f64) -> f64 {
-    let share = match c {
-        Channel::Link => return position,
-        Channel::Duty => 0.01,
-        _ => 0.05,
-    };
-    let column = |s: &Sample| s.measured[c as usize];
-    let values: Vec<f64> = data.runs[0].samples.iter().map(column).collect();
-    let mean = math::mean(&values);
-    let spread = math::rms(&values.iter().map(|v| v - mean).collect::<Vec<_>>());
-    if spread > 1e-9 {
-        1.0 / (share * spread)
-    } else {
-        0.0
-    }
-}
-
 /// Signals worth adding, in the order of their price to a lab.
 const SIGNALS: [(&[Signal], &[Channel]); 4] = [
     (&[], &[]),
@@ -254,69 +234,34 @@ const SIGNALS: [(&[Signal], &[Channel]); 4] = [
 /// A separation that leaves no doubt, in standard deviations: twice the margin below which two effects form a class.
 const CLEAR: f64 = 6.0;
 
-/// Standard deviations that the best of `rivals` stays away from `data`.
-fn separation(
-    data: &Problem,
-    rivals: &[Model],
-    weight: [f64; CHANNELS],
-    independent: f64,
-    stop: Stop<'_>,
-) -> f64 {
-    let seconds = data.runs[0].steps as f64 * data.dt_s;
-    let floor = weight.iter().filter(|w| **w > 0.0).count().max(1) as f64;
-    let o = Objective {
-        problem: data,
-        runs: vec![0],
-        weight,
-        prior_weight: floor / independent,
-        robust: false,
-        stop,
-    };
-    let mut fitted = rivals.to_vec();
-    let costs = o.polish_all(&mut fitted, 5);
-    let least = costs.into_iter().fold(f64::INFINITY, f64::min);
-    // Independent samples: errors of a joint are alike for half a second.
-    (2.0 * seconds * libm::log1p(least / floor)).sqrt()
-}
+/// How far a play of a motion stays away from what else may have caused the gap, in standard deviations; it is given the
+/// play, and the channels that would be recorded beside those of the data set.
+pub type Judge<'a> = &'a dyn Fn(Problem, &[Channel]) -> f64;
 
-/// The experiment that separates `truth` from `rivals` best, with the fewest signals that make it clear. It means
-/// nothing once `stop` was asked for.
+/// The experiment that separates `truth` from its rivals best, with the fewest signals that make it clear.
 #[must_use]
-pub fn separating(
-    problem: &Problem,
-    truth: &Params,
-    rivals: &[Model],
-    weight: [f64; CHANNELS],
-    independent: f64,
-    stop: Stop<'_>,
-) -> Option<Experiment> {
+pub fn separating(problem: &Problem, truth: &Params, judge: Judge<'_>) -> Option<Experiment> {
     let l = limits(problem).filter(|_| position_command(problem))?;
     let mut best: Option<Experiment> = None;
     for (signals, channels) in SIGNALS {
-        if !signals.is_empty() && channels.iter().all(|c| measured(problem, *c)) {
+        let absent = |c: &Channel| !measured(problem, *c);
+        if !signals.is_empty() && !channels.iter().any(absent) {
             continue;
         }
+        let added: Vec<Channel> = channels.iter().copied().filter(absent).collect();
         for item in &MENU {
             let motion = motion(item, &l);
-            let data = play(problem, &motion, truth)?;
-            let mut weight = weight;
-            for c in channels.iter().filter(|c| !measured(problem, **c)) {
-                weight[*c as usize] = expected_weight(&data, *c, weight[0]);
-            }
-            let found = separation(&data, rivals, weight, independent, stop);
+            let found = judge(play(problem, &motion, truth)?, &added);
             // More signals must earn their price.
             let beaten = |b: &Experiment| {
                 let more = signals.len() > b.signals.len();
                 found > b.separation.unwrap_or(0.0) * if more { 1.3 } else { 1.0 }
             };
             if best.as_ref().is_none_or(beaten) {
-                let absent = |s: &&Signal| {
-                    let k = signals.iter().position(|x| x == *s);
-                    k.is_some_and(|k| !measured(problem, channels[k]))
-                };
+                let own = signals.iter().zip(channels);
                 best = Some(Experiment {
                     motion,
-                    signals: signals.iter().filter(absent).copied().collect(),
+                    signals: own.filter(|s| absent(s.1)).map(|s| *s.0).collect(),
                     separation: Some(found),
                 });
             }

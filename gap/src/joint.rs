@@ -14,7 +14,6 @@ pub mod nominal;
 pub mod param;
 pub mod sim;
 mod stop;
-pub(crate) mod swing;
 
 pub use data::{Problem, RunData, Sample};
 pub use lanes::{Errors, Weights};

@@ -3,12 +3,9 @@
 pub mod bench;
 pub mod candidates;
 pub mod decide;
-pub mod diagnose;
 pub mod evidence;
 pub mod experiment;
-pub mod fit;
 pub mod floor;
-pub mod interface;
 pub mod joint;
 pub mod locate;
 pub mod math;
@@ -17,10 +14,8 @@ pub mod patch;
 pub mod predict;
 pub mod regimes;
 pub mod report;
-pub mod select;
 mod sentence;
 pub mod verdict;
 pub mod vocabulary;
+pub mod watch;
 pub mod whole;
-
-pub use diagnose::{Diagnosis, Settings, diagnose, diagnose_watched};

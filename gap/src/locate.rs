@@ -1,6 +1,6 @@
 //! Where: shares by stage and the regime in which the gap sits.
 
-use crate::fit::Model;
+use crate::joint::data::CHANNELS;
 use crate::joint::{Channel, P, Params, Problem, RunData, Sample, Trace, simulate};
 use crate::math;
 use crate::regimes::{Compared, Course, MOTION, RegimeRow, Sums};
@@ -15,7 +15,7 @@ pub fn stage_of(p: P) -> Stage {
     use P::*;
     match p {
         Scale | Sense | Offset | MechOffset | RecordScale => Stage::Conventions,
-        Delay | Skew | Played | Quantum | Echo => Stage::Transport,
+        Delay | Skew | Played | Quantum => Stage::Transport,
         LoopGain | Damping | SpeedDelay | Windup | Tightness | Grip | Droop | Deadband
         | SlewLimit | FeedbackDelay | Lag => Stage::Driver,
         Motor | Ampere | Strength | ReadAfter | Resistance | CurrentLimit | TorqueLimit
@@ -26,22 +26,90 @@ pub fn stage_of(p: P) -> Stage {
     }
 }
 
-/// Position errors of one run at its enabled samples; `ideal` = set-point instead of a model.
-#[must_use]
-pub fn errors(
-    problem: &Problem,
-    run: &RunData,
-    params: &Params,
-    ideal: bool,
-    channel: Channel,
-) -> Vec<f64> {
-    let mut trace = Trace::new();
-    simulate(run, params, problem.dt_s, &mut trace);
-    let column = if ideal { Channel::Applied } else { channel } as usize;
-    let rows = run.samples.iter().zip(&trace);
-    rows.filter(|(s, _)| s.enabled && s.measured[channel as usize].is_finite())
-        .map(|(s, y)| y[column] - s.measured[channel as usize])
-        .collect()
+/// A state of the joint's model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct State {
+    /// Parameters.
+    pub params: Params,
+    /// Recorded over true, by channel.
+    pub columns: [f64; CHANNELS],
+    /// No servo is known: the position is the set-point.
+    pub ideal: bool,
+    /// Set-points come as the driver's echo shows, not as they were sent.
+    pub arrived: bool,
+}
+
+impl State {
+    /// The joint with `params`, set-points as they were sent.
+    #[must_use]
+    pub fn new(params: Params) -> Self {
+        Self {
+            params,
+            columns: [1.0; CHANNELS],
+            ideal: false,
+            arrived: false,
+        }
+    }
+}
+
+/// Runs that figures are taken on.
+#[derive(Debug, Clone, Copy)]
+pub struct Scored<'a> {
+    /// The joint with set-points as they were sent.
+    pub sent: &'a Problem,
+    /// The same as they arrived; `sent` where no echo shows it.
+    pub arrived: &'a Problem,
+    /// Numbers of the runs.
+    pub runs: &'a [usize],
+}
+
+impl<'a> Scored<'a> {
+    fn problem(&self, state: &State) -> &'a Problem {
+        if state.arrived {
+            self.arrived
+        } else {
+            self.sent
+        }
+    }
+
+    /// A run and its rows as a state of the model has them, as they would be recorded.
+    #[must_use]
+    pub fn played(&self, state: &State, run: usize) -> (&'a RunData, Trace) {
+        let problem = self.problem(state);
+        let data = &problem.runs[run];
+        let mut trace = Trace::new();
+        simulate(data, &state.params, problem.dt_s, &mut trace);
+        for row in &mut trace {
+            if state.ideal {
+                row[Channel::Position as usize] = row[Channel::Applied as usize];
+            }
+            row.iter_mut()
+                .zip(&state.columns)
+                .for_each(|(y, c)| *y *= c);
+        }
+        (data, trace)
+    }
+
+    /// Errors in `channel` at the enabled rows of each run.
+    #[must_use]
+    pub fn errors(&self, state: &State, channel: Channel) -> Vec<Vec<f64>> {
+        let c = channel as usize;
+        let one = |r: &usize| {
+            let (run, trace) = self.played(state, *r);
+            let rows = run.samples.iter().zip(&trace);
+            rows.filter(|(s, _)| s.enabled && s.measured[c].is_finite())
+                .map(|(s, y)| y[c] - s.measured[c])
+                .collect()
+        };
+        self.runs.iter().map(one).collect()
+    }
+
+    /// Root mean square of `channel` by run.
+    #[must_use]
+    pub fn rmse(&self, state: &State, channel: Channel) -> Vec<f64> {
+        let all = self.errors(state, channel);
+        all.iter().map(|e| math::rms(e)).collect()
+    }
 }
 
 /// A share with its interval.
@@ -55,51 +123,39 @@ pub struct Share {
     pub ci95: [f64; 2],
 }
 
-/// Shares of the gap by stage: the stages of the final model replace those of the nominal one in the order of the chain,
-/// and each is given what the error falls by. What is left above the floor is `None`.
+/// States from `start` to `end`: the stages of the one replace those of the other in the order of the chain.
+fn ladder(start: &State, end: &State) -> Vec<State> {
+    let mut now = *start;
+    let mut out = vec![now];
+    for stage in Stage::JOINT {
+        for p in P::ALL.iter().filter(|p| stage_of(**p) == stage) {
+            now.params.set(*p, end.params.get(*p));
+        }
+        match stage {
+            Stage::Conventions => now.columns = end.columns,
+            Stage::Transport => now.arrived = end.arrived,
+            // An ideal servo has no stages before its driver: what the servo model gains over it is the driver's.
+            Stage::Driver => now.ideal = false,
+            _ => {}
+        }
+        out.push(now);
+    }
+    out
+}
+
+/// Shares of the gap in `channel` by stage: the stages of the final state replace those of the first one in the order of the
+/// chain, and each is given what the error falls by. What is left above the floor is `None`.
 #[must_use]
 pub fn shares(
-    problem: &Problem,
-    runs: &[usize],
-    start: &Params,
-    ideal: bool,
-    end: &Model,
+    scored: &Scored<'_>,
+    [start, end]: [&State; 2],
+    channel: Channel,
     floor: f64,
     seed: u64,
 ) -> Vec<Share> {
-    let mut ladder: Vec<Vec<f64>> = Vec::new();
-    let mut params = *start;
-    let score = |p: &Params, ideal: bool| -> Vec<f64> {
-        runs.iter()
-            .map(|r| {
-                math::rms(&errors(
-                    problem,
-                    &problem.runs[*r],
-                    p,
-                    ideal,
-                    Channel::Position,
-                ))
-            })
-            .collect()
-    };
-    ladder.push(score(&params, ideal));
-    for stage in Stage::JOINT {
-        for p in P::ALL.iter().filter(|p| stage_of(**p) == stage) {
-            params.set(*p, end.params.get(*p));
-        }
-        ladder.push(score(&params, false));
-    }
-    if ideal {
-        // An ideal servo has no stages before its driver: what the servo model gains over it is the driver's.
-        let driver = 1 + Stage::JOINT
-            .iter()
-            .position(|s| *s == Stage::Driver)
-            .unwrap_or(0);
-        let first = ladder[0].clone();
-        for level in &mut ladder[1..driver] {
-            level.clone_from(&first);
-        }
-    }
+    let states = ladder(start, end);
+    let ladder: Vec<Vec<f64>> = states.iter().map(|s| scored.rmse(s, channel)).collect();
+    let count = scored.runs.len();
     let of = |pick: &[usize]| -> Vec<f64> {
         let level = |k: usize| math::mean(&pick.iter().map(|i| ladder[k][*i]).collect::<Vec<_>>());
         let drops: Vec<f64> = (1..ladder.len())
@@ -114,15 +170,10 @@ pub fn shares(
             .map(|d| if sum > 0.0 { d / sum } else { 0.0 })
             .collect()
     };
-    let all: Vec<usize> = (0..runs.len()).collect();
-    let value = of(&all);
+    let value = of(&(0..count).collect::<Vec<_>>());
     let mut rng = math::Rng::new(seed);
     let draws: Vec<Vec<f64>> = (0..200)
-        .map(|_| {
-            of(&(0..runs.len())
-                .map(|_| rng.index(runs.len()))
-                .collect::<Vec<_>>())
-        })
+        .map(|_| of(&(0..count).map(|_| rng.index(count)).collect::<Vec<_>>()))
         .collect();
     let stages = Stage::JOINT.iter().map(|s| Some(*s)).chain([None]);
     stages
@@ -165,24 +216,17 @@ fn course<T>(
     })
 }
 
-/// Errors of a joint by regime of its motion, with the model `before` and with the one `after`; `ideal` = the set-point in the place of the first.
+/// Errors of a joint by regime of its motion, in the states before and after.
 #[must_use]
-pub fn regimes(
-    problem: &Problem,
-    runs: &[usize],
-    (before, ideal): (&Params, bool),
-    after: &Params,
-) -> Vec<RegimeRow> {
+pub fn regimes(scored: &Scored<'_>, [before, after]: [&State; 2]) -> Vec<RegimeRow> {
     let mut sums = Sums::default();
-    let (mut first, mut last) = (Trace::new(), Trace::new());
-    for r in runs {
-        let run = &problem.runs[*r];
-        simulate(run, before, problem.dt_s, &mut first);
-        simulate(run, after, problem.dt_s, &mut last);
+    for r in scored.runs {
+        let (_, first) = scored.played(before, *r);
+        let (run, last) = scored.played(after, *r);
         let volts = |s: &Sample| s.measured[Channel::BusVoltage as usize];
         let bus_v: Vec<f64> = run.samples.iter().map(volts).collect();
         let known = bus_v.iter().any(|v| v.is_finite());
-        let marks = course(problem, run, &last, |c| {
+        let marks = course(scored.sent, run, &last, |c| {
             c.marks(known.then_some(&bus_v[..]), None)
         });
         for (i, (s, marks)) in run.samples.iter().zip(marks).enumerate() {
@@ -191,46 +235,30 @@ pub fn regimes(
                 (Compared::Effort, Channel::Effort),
             ] {
                 let measured = s.measured[channel as usize];
-                let set_point = ideal && of == Compared::Position;
-                let column = if set_point { Channel::Applied } else { channel };
                 if s.enabled && measured.is_finite() {
-                    sums.add(of, false, marks, first[i][column as usize] - measured);
+                    sums.add(of, false, marks, first[i][channel as usize] - measured);
                     sums.add(of, true, marks, last[i][channel as usize] - measured);
                 }
             }
         }
     }
-    sums.rows(Some(problem.joint))
+    sums.rows(Some(scored.sent.joint))
 }
 
-/// The regime in which the squared error of `before` exceeds that of `after` most per sample.
+/// The regime in which the squared error in `channel` of the state before exceeds that of the one after most per sample.
 #[must_use]
-pub fn regime(
-    problem: &Problem,
-    runs: &[usize],
-    before: &Params,
-    ideal: bool,
-    after: &Params,
-) -> &'static str {
+pub fn regime(scored: &Scored<'_>, [before, after]: [&State; 2], channel: Channel) -> &'static str {
     let mut sum = [0.0; MOTION.len()];
     let mut count = [0.0; MOTION.len()];
-    for r in runs {
-        let run = &problem.runs[*r];
-        let (mut a, mut b) = (Trace::new(), Trace::new());
-        simulate(run, before, problem.dt_s, &mut a);
-        simulate(run, after, problem.dt_s, &mut b);
-        let column = if ideal {
-            Channel::Applied
-        } else {
-            Channel::Position
-        } as usize;
-        for (i, k) in course(problem, run, &b, |c| c.motion())
-            .into_iter()
-            .enumerate()
-        {
-            let m = run.samples[i].measured[0];
+    let c = channel as usize;
+    for r in scored.runs {
+        let (_, a) = scored.played(before, *r);
+        let (run, b) = scored.played(after, *r);
+        let motion = course(scored.sent, run, &b, |c| c.motion());
+        for (i, k) in motion.into_iter().enumerate() {
+            let m = run.samples[i].measured[c];
             if m.is_finite() && run.samples[i].enabled {
-                sum[k] += (a[i][column] - m).powi(2) - (b[i][0] - m).powi(2);
+                sum[k] += (a[i][c] - m).powi(2) - (b[i][c] - m).powi(2);
                 count[k] += 1.0;
             }
         }

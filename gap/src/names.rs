@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use crate::candidates::{Candidate, Scales};
-use crate::joint::arrival::{Regularity, regularity};
+use crate::joint::arrival::Regularity;
 use crate::joint::{P, Params, Problem};
 use crate::vocabulary::Effect;
 
@@ -15,19 +15,6 @@ pub fn parameters(problem: &Problem, c: &Candidate, params: &Params) -> Vec<(&'s
     let supply = problem.runs.first().map_or(1.0, |r| r.nominal.supply_v);
     match c.effect {
         Effect::JointSign => vec![("sign", -1.0)],
-        Effect::Jitter | Effect::PacketLoss => {
-            let r = regularity(&problem.runs);
-            let value = r.map_or(0.0, |r| match c.effect {
-                Effect::PacketLoss => r.lost,
-                _ => jitter_s(problem, &r, 0.0),
-            });
-            c.effect
-                .parameters()
-                .iter()
-                .take(1)
-                .map(|k| (k.key, value))
-                .collect()
-        }
         Effect::SupplyVoltage => vec![("value_v", supply * g(P::Supply))],
         Effect::ClockSkew => vec![("ratio", 1.0 + g(P::Skew))],
         Effect::Compliance => vec![("stiffness_nm_rad", 1.0 / g(P::Flexibility).max(1e-12))],
@@ -65,12 +52,12 @@ pub fn parameters(problem: &Problem, c: &Candidate, params: &Params) -> Vec<(&'s
     }
 }
 
-/// Spread of the delays, were the seen one larger by `more_s`.
+/// Spread of the delays.
 #[must_use]
-pub fn jitter_s(problem: &Problem, r: &Regularity, more_s: f64) -> f64 {
+pub fn jitter_s(problem: &Problem, r: &Regularity) -> f64 {
     // The halfway instants of rows add a spread of their own.
     let seen = r.spread_s * r.spread_s - r.doubt_s * r.doubt_s / 12.0;
-    sent_jitter(seen.max(0.0).sqrt() + more_s, interval_s(problem))
+    sent_jitter(seen.max(0.0).sqrt(), interval_s(problem))
 }
 
 /// Usual time between changed set-points, s.

@@ -2,8 +2,9 @@
 
 use std::fmt::Write as _;
 
-use crate::diagnose::Diagnosis;
-use crate::joint::{P, Params};
+use crate::bench::Diagnosis;
+use crate::joint::{Channel, P, Params};
+use crate::locate::State;
 
 /// Name of a parameter in the patch file.
 fn key(p: P) -> String {
@@ -42,13 +43,30 @@ pub fn to_toml(d: &Diagnosis) -> String {
     }
     s.push_str("\n# The joint model in full; ratios are to the values of dataset.toml.\n[joint]\n");
     for p in P::ALL {
-        let v = d.selection.model.params.get(*p);
+        let v = d.found.params.get(*p);
         if v != Params::neutral(*p) {
             let _ = writeln!(s, "{} = {v:?}", key(*p));
         }
     }
+    for c in Channel::ALL {
+        let v = d.found.columns[c as usize];
+        if v != 1.0 {
+            let _ = writeln!(s, "{} = {v:?}", column(c));
+        }
+    }
+    if d.found.arrived {
+        let _ = writeln!(s, "{ARRIVED} = 1.0");
+    }
     s
 }
+
+/// Key of what a column is recorded as, over what it is.
+fn column(c: Channel) -> String {
+    format!("recorded_{}", format!("{c:?}").to_lowercase())
+}
+
+/// Key: 1 if set-points come as the driver's echo shows, not as they were sent.
+const ARRIVED: &str = "as_echoed";
 
 /// Why a patch could not be read.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -70,8 +88,8 @@ pub enum PatchError {
 ///
 /// # Errors
 /// The first line that is no known parameter.
-pub fn parse(text: &str) -> Result<Params, PatchError> {
-    let mut out = Params::default();
+pub fn parse(text: &str) -> Result<State, PatchError> {
+    let mut out = State::new(Params::default());
     let mut inside = false;
     for (i, line) in text.lines().enumerate() {
         let line = line.trim();
@@ -87,17 +105,20 @@ pub fn parse(text: &str) -> Result<Params, PatchError> {
             text: line.into(),
         };
         let (name, value) = line.split_once('=').ok_or_else(bad)?;
-        let p = P::ALL
-            .iter()
-            .find(|p| key(**p) == name.trim())
-            .ok_or_else(bad)?;
+        let name = name.trim();
         let v: f64 = value
             .trim()
             .parse()
             .ok()
             .filter(|v: &f64| v.is_finite())
             .ok_or_else(bad)?;
-        out.set(*p, v);
+        let scaled = Channel::ALL.into_iter().find(|c| column(*c) == name);
+        match (P::ALL.iter().find(|p| key(**p) == name), scaled) {
+            (Some(p), _) => out.params.set(*p, v),
+            (None, Some(c)) => out.columns[c as usize] = v,
+            (None, None) if name == ARRIVED => out.arrived = v > 0.5,
+            (None, None) => return Err(bad()),
+        }
     }
     Ok(out)
 }

@@ -2,14 +2,15 @@
 
 use std::fmt::Write as _;
 
-use crate::joint::{Channel, Params, Problem, Trace, simulate};
+use crate::joint::Channel;
+use crate::locate::{Scored, State};
 
-/// CSV text of run `run` as predicted: time, set-point, and every channel that the joint model has.
+/// CSV text of run `run` as a state of the joint predicts it: time, set-point, and every channel that the joint model has.
 #[must_use]
-pub fn csv(problem: &Problem, run: usize, params: &Params) -> String {
+pub fn csv(scored: &Scored<'_>, run: usize, state: &State) -> String {
+    let problem = scored.sent;
+    let (_, trace) = scored.played(state, run);
     let data = &problem.runs[run];
-    let mut trace = Trace::new();
-    simulate(data, params, problem.dt_s, &mut trace);
     let (angle, effort) = if problem.linear {
         ("m", "n")
     } else {

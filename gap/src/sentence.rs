@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 
 use crate::report::words::{listed, quantity, range};
 use crate::verdict::{EffectRow, Gap, Verdict, Word};
-use crate::vocabulary::{Effect, Stage};
+use crate::vocabulary::{Compound, Effect, Stage};
 
 /// Causes named before the rest is counted.
 const NAMED: usize = 3;
@@ -23,7 +23,7 @@ pub(crate) fn joints(which: &[usize]) -> String {
     }
 }
 
-/// One cause: an effect at all joints that have it.
+/// One cause: an effect at all joints that have it, or the effects of a compound.
 pub(crate) struct Cause<'a> {
     /// Rows of the verdict, at least one.
     pub(crate) rows: Vec<&'a EffectRow>,
@@ -32,8 +32,22 @@ pub(crate) struct Cause<'a> {
 }
 
 impl Cause<'_> {
+    /// Its effect; of a compound the first.
     pub(crate) fn effect(&self) -> Effect {
         self.rows[0].effect
+    }
+
+    /// Its effects.
+    pub(crate) fn effects(&self) -> Vec<Effect> {
+        let mut out: Vec<Effect> = self.rows.iter().map(|r| r.effect).collect();
+        out.dedup();
+        out
+    }
+
+    /// As a noun, without a place.
+    pub(crate) fn plain(&self) -> &'static str {
+        let compound = self.rows[0].part_of.map(Compound::plain);
+        compound.unwrap_or(self.effect().plain())
     }
 
     /// Joints that have it; none where the whole robot has it.
@@ -48,7 +62,7 @@ impl Cause<'_> {
 
     /// The effect as a noun, with its joints on a robot, and with a mark where the size found is not plausible.
     pub(crate) fn noun(&self, robot: bool) -> String {
-        let (mut noun, which) = (self.effect().plain().to_owned(), self.joints());
+        let (mut noun, which) = (self.plain().to_owned(), self.joints());
         if robot && !which.is_empty() {
             noun = format!("{noun} ({})", joints(&which));
         }
@@ -58,11 +72,12 @@ impl Cause<'_> {
         noun
     }
 
-    /// Key of every parameter with the smallest and the largest value over the joints.
-    pub(crate) fn sizes(&self) -> Vec<(&str, [f64; 2])> {
-        let keys = self.rows[0].parameters.keys();
+    /// Key of every parameter of an effect with the smallest and the largest value over the joints.
+    pub(crate) fn sizes(&self, of: Effect) -> Vec<(&str, [f64; 2])> {
+        let rows = || self.rows.iter().filter(|r| r.effect == of);
+        let keys = rows().take(1).flat_map(|r| r.parameters.keys());
         let ends = |key: &String| {
-            let own = self.rows.iter().filter_map(|r| r.parameters.get(key));
+            let own = rows().filter_map(|r| r.parameters.get(key));
             own.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], p| {
                 [a.min(p.value), b.max(p.value)]
             })
@@ -87,11 +102,15 @@ impl Cause<'_> {
     }
 }
 
-/// The causes of a verdict in its order: equal effects at several joints are one.
+/// The causes of a verdict in its order: equal effects at several joints are one, and those of a compound.
 pub(crate) fn causes(v: &Verdict) -> Vec<Cause<'_>> {
     let mut out: Vec<Cause<'_>> = Vec::new();
     for row in &v.effects {
-        match out.iter_mut().find(|c| c.effect() == row.effect) {
+        let same = |c: &&mut Cause<'_>| match row.part_of {
+            Some(compound) => c.rows[0].part_of == Some(compound),
+            None => c.rows[0].part_of.is_none() && c.effect() == row.effect,
+        };
+        match out.iter_mut().find(same) {
             Some(c) => c.rows.push(row),
             None => out.push(Cause {
                 rows: vec![row],
@@ -356,7 +375,7 @@ pub(crate) fn sentence(v: &Verdict, robot: bool) -> String {
     }
     if let [_, _, ..] = causes.as_slice() {
         let open = causes.iter().filter(|c| !c.members.is_empty());
-        let names: Vec<&str> = open.map(|c| c.effect().plain()).collect();
+        let names: Vec<&str> = open.map(Cause::plain).collect();
         if !names.is_empty() {
             let list = listed(&names, NAMED, "and");
             out.push_str(&format!(

@@ -1,14 +1,16 @@
 //! The verdict: the public JSON contract `rb.gap/1`.
 
+pub(crate) mod causes;
+
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 
 use crate::regimes::RegimeRow;
-use crate::vocabulary::Effect;
+use crate::vocabulary::{Compound, Effect};
 
 /// One word for the whole.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Word {
     /// The effects found explain the gap down to the floor.
@@ -18,6 +20,7 @@ pub enum Word {
     /// Only base parameters are off by more than their tolerance.
     Parametric,
     /// The model explains the data to the floor.
+    #[default]
     None,
     /// A significant remainder that no known effect explains.
     Unknown,
@@ -33,7 +36,7 @@ pub struct Estimate {
 }
 
 /// The primary metric before and after.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Gap {
     /// Name of the metric.
     pub metric: String,
@@ -92,6 +95,9 @@ pub struct Alternative {
 pub struct EffectRow {
     /// Which.
     pub effect: Effect,
+    /// The one cause that has this effect beside others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub part_of: Option<Compound>,
     /// Its stage.
     pub stage: String,
     /// Its joint.
@@ -113,7 +119,7 @@ pub struct EffectRow {
 }
 
 /// Probabilities of the verdicts that are no effects.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub struct Probabilities {
     /// No gap beyond the floor.
     pub none: f64,
@@ -204,7 +210,7 @@ pub struct Stair {
 }
 
 /// Where the figures come from.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Provenance {
     /// Tool and version.
     pub tool: String,
@@ -223,7 +229,7 @@ pub struct Provenance {
 }
 
 /// The verdict.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Verdict {
     /// Always `rb.gap/1`.
     pub schema: String,
@@ -274,6 +280,7 @@ mod tests {
             margin: 5.5,
         };
         let mut rows = [EffectRow {
+            part_of: None,
             effect: Effect::Backlash,
             stage: Effect::Backlash.stage().name().into(),
             joint: Some(0),

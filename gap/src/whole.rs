@@ -380,8 +380,8 @@ pub fn calibrated(
     Ok(out)
 }
 
-/// Folds of the cross-validation of [`calibrated`].
-const FOLDS: usize = 10;
+/// Folds of the cross-validation of a calibration.
+pub const FOLDS: usize = 10;
 
 /// Phases of a diagnosis of a robot, in order.
 pub const PHASES: [&str; 4] = [

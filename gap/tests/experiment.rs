@@ -1,12 +1,13 @@
 //! The next experiment: a motion inside what the joint was asked for, that separates what the data could not.
 
 mod common;
+#[path = "common/diagnosis.rs"]
+mod diagnosis;
 
 use files::dataset::{Recording, Signal};
-use gap::fit::Stop;
-use gap::joint::{P, Params, Problem};
+use gap::experiment::separating;
+use gap::joint::{P, Params, Problem, Trace, simulate};
 use gap::vocabulary::Effect;
-use gap::{Settings, diagnose, experiment};
 
 /// Leaves set-point and position.
 fn position_only(recordings: &mut [Recording]) {
@@ -19,17 +20,17 @@ fn position_only(recordings: &mut [Recording]) {
 }
 
 #[test]
-fn a_dead_zone_gets_the_motion_and_the_signals_that_tell_its_causes_apart() {
-    let planted = Params::default().with(P::Deadband, 0.02);
+fn a_friction_gets_the_motion_and_the_signals_that_tell_its_kinds_apart() {
+    let planted = Params::default().with(P::Coulomb, 0.08);
     let (manifest, mut recordings) = common::data(&planted, 3);
     position_only(&mut recordings);
-    let d = diagnose(&manifest, &recordings, 0, &Settings::default()).expect("position is there");
+    let d = diagnosis::diagnosed(&manifest, &recordings);
     let next = d
         .verdict
         .next_experiment
         .as_ref()
-        .expect("a dead zone has rivals");
-    for e in [Effect::Deadband, Effect::Backlash] {
+        .expect("a friction has rivals");
+    for e in [Effect::CoulombFriction, Effect::StribeckFriction] {
         assert!(next.separates.contains(&e), "{next:?}");
     }
     let e = d.experiment.as_ref().expect("a motion");
@@ -46,26 +47,25 @@ fn a_dead_zone_gets_the_motion_and_the_signals_that_tell_its_causes_apart() {
 }
 
 #[test]
-fn a_law_is_told_from_its_absence_and_not_from_itself() {
+fn the_motion_that_shows_most_is_chosen_and_none_shows_a_law_from_itself() {
     let truth = Params::default().with(P::Lag, 0.03);
     let (manifest, recordings) = common::data(&truth, 5);
     let problem = Problem::new(&manifest, &recordings, 0).expect("position");
-    let weight = gap::floor::floor(&problem).weights();
-    let free = gap::candidates::nominal(&problem);
-    let rival = gap::fit::Model {
-        params: Params::default(),
-        free: free.clone(),
+    // Largest difference of the positions of two laws, mrad.
+    let apart = |rival: &Params, play: Problem| {
+        let run = &play.runs[0];
+        let mut other = Trace::new();
+        simulate(run, rival, play.dt_s, &mut other);
+        let rows = run.samples.iter().zip(&other);
+        let each = rows.map(|(s, y)| (s.measured[0] - y[0]).abs());
+        1e3 * each.fold(0.0, f64::max)
     };
-    let e = experiment::separating(&problem, &truth, &[rival], weight, 100.0, Stop::NEVER)
-        .expect("a motion");
-    let promised = e.separation.expect("a class");
-    assert!(promised > 6.0, "{promised}");
-    // A model that already is the truth cannot be told from it.
-    let same = gap::fit::Model {
-        params: truth,
-        free,
-    };
-    let e = experiment::separating(&problem, &truth, &[same], weight, 100.0, Stop::NEVER)
-        .expect("a motion");
-    assert!(e.separation < Some(0.5), "{:?}", e.separation);
+    let without = Params::default();
+    let found = separating(&problem, &truth, &|play, _| apart(&without, play)).expect("a motion");
+    assert!(found.separation > Some(6.0), "{:?}", found.separation);
+    assert!(found.signals.is_empty(), "{:?}", found.signals);
+    // A lag shows where the joint moves fast.
+    assert_ne!(found.motion.name, "slow triangle");
+    let same = separating(&problem, &truth, &|play, _| apart(&truth, play)).expect("a motion");
+    assert_eq!(same.separation, Some(0.0));
 }

@@ -3,12 +3,15 @@
 //! development, so this is no blind result.
 
 use files::dataset::{Manifest, Recording};
+use gap::bench::{Settings, diagnose};
+use gap::decide::Calibration;
 use gap::verdict::{Verdict, Word};
+use gap::watch::Watch;
 use trials::joint;
 
 const SEED: u64 = 100;
 
-fn diagnose(case: &joint::Case) -> Verdict {
+fn verdict_on(case: &joint::Case) -> Verdict {
     let text = |name: &str| {
         let file = case.files.iter().find(|f| f.0 == name);
         file.expect("the case has the file").1.as_str()
@@ -23,8 +26,16 @@ fn diagnose(case: &joint::Case) -> Verdict {
                 .0
         })
         .collect();
-    let d = gap::diagnose(&manifest, &recordings, 0, &gap::Settings::default()).expect("diagnosis");
-    d.verdict
+    let (settings, calibration) = (Settings::default(), Calibration::shipped_joint());
+    diagnose(
+        &manifest,
+        &recordings,
+        &settings,
+        &calibration,
+        Watch::NOBODY,
+    )
+    .expect("positions")
+    .verdict
 }
 
 fn of_kind(kind: &str) -> impl Iterator<Item = usize> {
@@ -36,7 +47,7 @@ fn of_kind(kind: &str) -> impl Iterator<Item = usize> {
 fn cases_without_an_effect_raise_no_alarm() {
     for index in of_kind("null").take(4) {
         let case = joint::case(SEED, index);
-        let verdict = diagnose(&case);
+        let verdict = verdict_on(&case);
         assert_eq!(
             verdict.verdict,
             Word::None,
@@ -58,7 +69,7 @@ fn visible_single_effects_are_named_first() {
         if label.causes[0].delta_chi2_refitted < 2500.0 {
             continue;
         }
-        let verdict = diagnose(&case);
+        let verdict = verdict_on(&case);
         let planted = label.causes[0].effect.as_str();
         let named = verdict.effects.first().map(|e| e.effect.name());
         let class = |a: &gap::verdict::Ambiguous| a.effects.iter().any(|e| e.name() == planted);

@@ -51,6 +51,28 @@ fn equal_effects_on_all_joints_are_a_shared_cause_in_version_1() {
 }
 
 #[test]
+fn effects_of_a_payload_are_one_cause_with_the_ratio_of_its_weight() {
+    let part = |effect: &str, value: f64| {
+        json!({
+            "effect": effect, "part_of": "payload", "stage": "drivetrain", "joint": 0, "confidence": 0.45,
+            "parameters": { "ratio": { "value": value, "ci95": [value - 0.1, value + 0.1] } },
+        })
+    };
+    let payload = json!([{
+        "effect": "payload", "stage": "drivetrain", "scope": "joint", "joints": [0], "also": ["gravity_load"],
+        "values": { "ratio": { "value": 1.6, "by_joint": { "0": 1.6 } } }, "delta_chi2_refitted": 900.0,
+    }]);
+    let effects = json!([part("gravity_load", 1.62), part("inertia", 1.3)]);
+    let case = Case::new(
+        label("single", payload),
+        version_1("parametric", effects, json!([])),
+    );
+    assert!(case.first(true) && case.exact());
+    let covered: Vec<bool> = case.sized().iter().map(|s| s.holds()).collect();
+    assert_eq!(covered, [true]);
+}
+
+#[test]
 fn one_joint_of_a_shared_cause_is_its_effect_but_not_its_place() {
     let said = json!([effect("coulomb_friction", 2, [0.0, 1.0])]);
     let case = Case::new(

@@ -7,20 +7,21 @@ use super::model::Point;
 use crate::joint::data::CHANNELS;
 use crate::joint::merge::alike;
 use crate::joint::{Channel, Params, Problem, RunData, simulate_all};
+use crate::watch::Stop;
 
 /// Rate to which errors are averaged, Hz: what a joint's loop of 40 rad/s does is below a tenth of it.
 const RATE_HZ: f64 = 100.0;
 
-/// Horizons over which positions may be predicted, s: from some rows, over what joints' loops of 20 and 5 rad/s take, to
-/// plays from set-points alone. A joint that swings by itself is out of step with such a play.
-pub(super) const HORIZONS_S: [f64; 4] = [0.05, 0.15, 0.5, f64::INFINITY];
+/// Horizons over which positions may be predicted, s, beside whole runs: from some rows to what joints' loops of 20 and
+/// 5 rad/s take. A joint that swings by itself is out of step with a play of its set-points.
+pub(super) const HORIZONS_S: [f64; 4] = [0.02, 0.05, 0.15, 0.5];
 
 /// Errors by series: channel after channel, each run after run.
 pub(super) type Errors = Vec<Vec<f64>>;
 
 /// What is compared.
 #[derive(Debug, Clone)]
-pub(super) struct Data {
+pub(super) struct Data<'a> {
     /// The joint; its runs are averages of repeats.
     pub(super) problem: Problem,
     /// Channels that were measured, in their order.
@@ -33,6 +34,8 @@ pub(super) struct Data {
     pub(super) weights: Errors,
     /// Standard deviation of averages of repeats, by channel; `None` without repeats.
     repeated: Vec<Option<f64>>,
+    /// The wish that the search ends.
+    pub(super) stop: Stop<'a>,
 }
 
 /// Puts unsigned columns in the place of signed ones that are missing, where the unit is known.
@@ -81,9 +84,13 @@ fn of_fit(problem: &Problem) -> Vec<usize> {
         .collect()
 }
 
-impl Data {
+impl<'a> Data<'a> {
     /// `None` without a run that has set-points and positions.
-    pub(super) fn new(manifest: &Manifest, recordings: &[Recording]) -> Option<Self> {
+    pub(super) fn new(
+        manifest: &Manifest,
+        recordings: &[Recording],
+        stop: Stop<'a>,
+    ) -> Option<Self> {
         let mut recordings = recordings.to_vec();
         let stated = &manifest.bench;
         let effort = stated.inertia.is_some() || stated.max_effort.is_some();
@@ -102,23 +109,32 @@ impl Data {
             unit && problem.runs.iter().any(has)
         };
         let channels: Vec<usize> = (0..CHANNELS).filter(used).collect();
-        let row_s = row_s(&problem);
-        let stride = ((1.0 / RATE_HZ) / row_s + 1e-6).floor().max(1.0) as usize;
         let mut out = Self {
-            problem,
-            channels,
             absolute,
-            stride,
-            weights: Vec::new(),
-            repeated: Vec::new(),
+            ..Self::of(problem, channels, stop)
         };
         out.repeated = out
             .channels
             .iter()
             .map(|c| out.spread(&every, &fit, *c))
             .collect();
-        out.weights = out.each(|run, channel| out.counts(run, channel));
         Some(out)
+    }
+
+    /// A joint without repeats, of which these channels were measured.
+    pub(super) fn of(problem: Problem, channels: Vec<usize>, stop: Stop<'a>) -> Self {
+        let row_s = row_s(&problem);
+        let mut out = Self {
+            repeated: vec![None; channels.len()],
+            problem,
+            channels,
+            absolute: [false; CHANNELS],
+            stride: ((1.0 / RATE_HZ) / row_s + 1e-6).floor().max(1.0) as usize,
+            weights: Vec::new(),
+            stop,
+        };
+        out.weights = out.each(|run, channel| out.counts(run, channel));
+        out
     }
 
     /// Share of the rows of each average that count.
@@ -217,6 +233,9 @@ impl Data {
             .runs
             .par_iter()
             .map(|run| {
+                if self.stop.asked() {
+                    return vec![self.nothing(run); points.len()];
+                }
                 let traces = simulate_all(run, &sets, self.problem.dt_s);
                 traces
                     .iter()
@@ -232,6 +251,12 @@ impl Data {
                     .collect()
             })
             .collect()
+    }
+
+    /// Errors of a run that is not simulated any more.
+    pub(super) fn nothing(&self, run: &RunData) -> Errors {
+        let rows = run.samples.len().div_ceil(self.stride);
+        vec![vec![0.0; rows]; self.channels.len()]
     }
 
     /// Errors of a run by channel.

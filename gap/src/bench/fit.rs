@@ -86,79 +86,189 @@ pub(super) fn normal(
     }
 }
 
-fn slopes(data: &Data, model: &Model, x: &[f64], errors: &Errors) -> Vec<Errors> {
-    let steps: Vec<f64> = model
-        .coordinates
-        .iter()
-        .zip(x)
-        .map(|(c, x)| c.step(*x))
-        .collect();
-    let points: Vec<Point> = (0..x.len())
+/// Where a fit is: variables, the errors there and their slopes by coordinate.
+struct Place {
+    x: Vec<f64>,
+    errors: Errors,
+    slopes: Vec<Errors>,
+}
+
+/// Slopes of the errors at a point, where they are `errors` if these are known; the errors.
+fn around(
+    data: &Data<'_>,
+    model: &Model,
+    x: &[f64],
+    errors: Option<Errors>,
+) -> (Errors, Vec<Errors>) {
+    let own = model.coordinates.iter().zip(x);
+    let steps: Vec<f64> = own.map(|(c, x)| c.step(*x)).collect();
+    let mut points: Vec<Point> = (0..x.len())
         .map(|j| {
             let mut moved = x.to_vec();
             moved[j] += steps[j];
             model.point(&moved)
         })
         .collect();
-    let mut out = data.errors(&points);
-    for (slope, step) in out.iter_mut().zip(&steps) {
-        for (s, e) in slope.iter_mut().zip(errors) {
+    if errors.is_none() {
+        points.push(model.point(x));
+    }
+    let mut slopes = data.errors(&points);
+    let errors = errors.or_else(|| slopes.pop()).unwrap_or_default();
+    for (slope, step) in slopes.iter_mut().zip(&steps) {
+        for (s, e) in slope.iter_mut().zip(&errors) {
             s.iter_mut().zip(e).for_each(|(s, e)| *s = (*s - e) / step);
         }
     }
-    out
+    (errors, slopes)
+}
+
+/// A fit on its way.
+struct Descent<'d, 'a> {
+    data: &'d Data<'a>,
+    noise: &'d Noise,
+    model: &'d Model,
+    here: Place,
+    /// Whether the slopes are those of this point. Otherwise the steps since corrected them (Broyden's update).
+    fresh: bool,
+    cost: f64,
+}
+
+impl<'d, 'a> Descent<'d, 'a> {
+    fn new(data: &'d Data<'a>, noise: &'d Noise, model: &'d Model, start: &[f64]) -> Self {
+        let x = inside(model, start);
+        let (errors, slopes) = around(data, model, &x, None);
+        let here = Place { x, errors, slopes };
+        Self::at(data, noise, model, here)
+    }
+
+    /// From a point whose errors and slopes are known.
+    fn at(data: &'d Data<'a>, noise: &'d Noise, model: &'d Model, here: Place) -> Self {
+        let mut out = Self {
+            data,
+            noise,
+            model,
+            here,
+            fresh: true,
+            cost: 0.0,
+        };
+        out.cost = out.cost_of(&out.here.errors, &out.here.x);
+        out
+    }
+
+    /// Goes on for `most` steps at most.
+    fn run(&mut self, most: usize) {
+        for _ in 0..most.min(STEPS) {
+            let fresh = self.fresh;
+            let gain = self.step();
+            if gain < STANDS {
+                if fresh {
+                    break;
+                }
+                self.refresh();
+            }
+        }
+        self.refresh();
+    }
+
+    fn cost_of(&self, errors: &Errors, x: &[f64]) -> f64 {
+        0.5 * (self.noise.left(&self.noise.white(errors)).0 + prior_squares(self.model, x))
+    }
+
+    /// Goes to the best of the steps that are tried at once; what that gains.
+    fn step(&mut self) -> f64 {
+        let white = self.noise.white(&self.here.errors);
+        let (x, slopes) = (&self.here.x, &self.here.slopes);
+        let normal = normal(self.noise, self.model, x, white, slopes);
+        let tried = tried(&normal, x, self.model);
+        let points: Vec<Point> = tried.iter().map(|x| self.model.point(x)).collect();
+        let all = self.data.errors(&points).into_iter().zip(tried);
+        let costs = all.map(|(errors, x)| (self.cost_of(&errors, &x), errors, x));
+        let best = costs.min_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((cost, errors, x)) = best.filter(|b| b.0 < self.cost) else {
+            return 0.0;
+        };
+        let gain = self.cost - cost;
+        // Slopes are as good where next to nothing was gained.
+        if gain >= STANDS {
+            self.correct(&errors, &x);
+        }
+        (self.here.x, self.here.errors, self.cost) = (x, errors, cost);
+        gain
+    }
+
+    /// Corrects the slopes by what a step changed, in units of the priors: Broyden's update.
+    fn correct(&mut self, errors: &Errors, x: &[f64]) {
+        let own = self.model.coordinates.iter().zip(self.here.x.iter().zip(x));
+        let moved: Vec<(f64, f64)> = own.map(|(c, (a, b))| (b - a, c.sd)).collect();
+        let square: f64 = moved.iter().map(|(d, sd)| (d / sd) * (d / sd)).sum();
+        if square <= 0.0 {
+            return;
+        }
+        for s in 0..errors.len() {
+            for row in 0..errors[s].len() {
+                let each = self.here.slopes.iter().zip(&moved);
+                let expected: f64 = each.map(|(slope, (d, _))| slope[s][row] * d).sum();
+                let off = errors[s][row] - self.here.errors[s][row] - expected;
+                for (slope, (d, sd)) in self.here.slopes.iter_mut().zip(&moved) {
+                    slope[s][row] += off * d / (sd * sd * square);
+                }
+            }
+        }
+        self.fresh = false;
+    }
+
+    fn refresh(&mut self) {
+        if !self.fresh {
+            let errors = std::mem::take(&mut self.here.errors);
+            (self.here.errors, self.here.slopes) =
+                around(self.data, self.model, &self.here.x, Some(errors));
+            self.fresh = true;
+        }
+    }
+}
+
+/// The variables inside the bounds of their values.
+fn inside(model: &Model, x: &[f64]) -> Vec<f64> {
+    let own = model.coordinates.iter().zip(x);
+    own.map(|(c, x)| c.inside(*x)).collect()
 }
 
 impl Fit {
-    /// The maximum near `start`.
+    /// The maximum near `start`, after `most` steps at most.
     pub(super) fn new(
-        data: &Data,
+        data: &Data<'_>,
         noise: &Noise,
         model: Model,
         start: &[f64],
         most: usize,
     ) -> Self {
-        let inside = |x: &[f64]| -> Vec<f64> {
-            model
-                .coordinates
-                .iter()
-                .zip(x)
-                .map(|(c, x)| c.inside(*x))
-                .collect()
+        let mut own = Descent::new(data, noise, &model, start);
+        own.run(most);
+        let here = own.here;
+        Self::at(noise, model, here)
+    }
+
+    /// The maximum under another noise, from where the fit stands.
+    pub(super) fn under(self, data: &Data<'_>, noise: &Noise, most: usize) -> Self {
+        let here = Place {
+            x: self.x,
+            errors: self.errors,
+            slopes: self.slopes,
         };
-        let mut x = inside(start);
-        let mut errors = data.errors(&[model.point(&x)]).remove(0);
-        let cost_of = |errors: &Errors, x: &[f64]| {
-            0.5 * (noise.left(&noise.white(errors)).0 + prior_squares(&model, x))
-        };
-        let mut cost = cost_of(&errors, &x);
-        let mut own = slopes(data, &model, &x, &errors);
-        for _ in 0..most.min(STEPS) {
-            let n = normal(noise, &model, &x, noise.white(&errors), &own);
-            let tried = tried(&n, &x, &inside);
-            let points: Vec<Point> = tried.iter().map(|x| model.point(x)).collect();
-            let all = data.errors(&points);
-            let mut best: Option<(f64, usize)> = None;
-            for (i, (e, x)) in all.iter().zip(&tried).enumerate() {
-                let c = cost_of(e, x);
-                if c < best.map_or(cost, |b| b.0) {
-                    best = Some((c, i));
-                }
-            }
-            let Some((least, at)) = best else { break };
-            let gain = cost - least;
-            (cost, x, errors) = (least, tried[at].clone(), all[at].clone());
-            own = slopes(data, &model, &x, &errors);
-            if gain < STANDS {
-                break;
-            }
-        }
+        let model = self.model;
+        let mut own = Descent::at(data, noise, &model, here);
+        own.run(most);
+        let here = own.here;
+        Self::at(noise, model, here)
+    }
+
+    fn at(noise: &Noise, model: Model, here: Place) -> Self {
         let mut out = Self {
             model,
-            x,
-            errors,
-            slopes: own,
-            cost,
+            x: here.x,
+            errors: here.errors,
+            slopes: here.slopes,
+            cost: 0.0,
             evidence: 0.0,
             factor: Vec::new(),
         };
@@ -193,7 +303,7 @@ impl Fit {
 }
 
 /// The steps that are tried at once.
-fn tried(n: &Normal, x: &[f64], inside: &dyn Fn(&[f64]) -> Vec<f64>) -> Vec<Vec<f64>> {
+fn tried(n: &Normal, x: &[f64], model: &Model) -> Vec<Vec<f64>> {
     let count = x.len();
     TRIED
         .iter()
@@ -207,7 +317,7 @@ fn tried(n: &Normal, x: &[f64], inside: &dyn Fn(&[f64]) -> Vec<f64>) -> Vec<Vec<
             forward(&l, count, &mut step);
             backward(&l, count, &mut step);
             let moved: Vec<f64> = x.iter().zip(&step).map(|(x, d)| x - share * d).collect();
-            inside(&moved)
+            inside(model, &moved)
         })
         .collect()
 }

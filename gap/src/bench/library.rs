@@ -5,20 +5,18 @@ use files::dataset::{Command, Output};
 use super::data::{Data, row_s};
 use super::model::{Axis, Coordinate, Point};
 use crate::candidates::{self, Candidate};
+use crate::candidates::{Free, Map};
 use crate::evidence::block::{Column, Meaning, Parameter, Site};
-use crate::fit::{Free, Map};
 use crate::joint::{Channel, P};
-use crate::vocabulary::{Effect, Stage};
+use crate::vocabulary::{Compound, Effect, Stage};
 
 /// A cause as people name it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     /// One effect of the vocabulary.
     One(Effect),
-    /// One mass more or less at the load: its weight and its inertia.
-    Payload,
-    /// A battery that is low and gives way: voltage and resistance.
-    WeakBattery,
+    /// Several of them.
+    Many(Compound),
     /// A column that is off by a factor.
     ColumnScale(Channel),
 }
@@ -27,8 +25,7 @@ impl Kind {
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::One(e) => e.name(),
-            Self::Payload => "payload",
-            Self::WeakBattery => "weak_battery",
+            Self::Many(c) => c.name(),
             Self::ColumnScale(_) => "column_scale",
         }
     }
@@ -36,8 +33,7 @@ impl Kind {
     pub(super) fn stage(self) -> Stage {
         match self {
             Self::One(e) => e.stage(),
-            Self::Payload => Stage::Drivetrain,
-            Self::WeakBattery => Stage::Supply,
+            Self::Many(c) => c.effects()[0].stage(),
             Self::ColumnScale(_) => Stage::Conventions,
         }
     }
@@ -46,8 +42,8 @@ impl Kind {
     pub(super) fn parametric(self) -> bool {
         match self {
             Self::One(e) => e.is_base(),
-            Self::Payload => true,
-            _ => false,
+            Self::Many(c) => c.effects().iter().all(|e| e.is_base()),
+            Self::ColumnScale(_) => false,
         }
     }
 
@@ -55,8 +51,7 @@ impl Kind {
     pub(super) fn plain(self) -> String {
         match self {
             Self::One(e) => e.plain().to_owned(),
-            Self::Payload => "another payload".to_owned(),
-            Self::WeakBattery => "a weak battery".to_owned(),
+            Self::Many(c) => c.plain().to_owned(),
             Self::ColumnScale(c) => format!("a scale of column {}", column(c)),
         }
     }
@@ -65,8 +60,8 @@ impl Kind {
     pub(super) fn of_robot(self) -> bool {
         match self {
             Self::One(e) => !e.info().per_joint(),
-            Self::WeakBattery => true,
-            _ => false,
+            Self::Many(c) => !c.effects().iter().all(|e| e.info().per_joint()),
+            Self::ColumnScale(_) => false,
         }
     }
 }
@@ -95,6 +90,8 @@ pub(super) struct Hypothesis {
     pub(super) coordinates: Vec<Coordinate>,
     /// Values to start from.
     pub(super) starts: Vec<Vec<f64>>,
+    /// The joint without it.
+    base: Point,
 }
 
 impl Hypothesis {
@@ -110,10 +107,9 @@ impl Hypothesis {
 
     /// Values at which it has no effect, or as little as its bounds allow.
     pub(super) fn neutral(&self) -> Vec<f64> {
-        let neutral = Point::default();
         let all = self.coordinates.iter().zip(&self.starts[0]);
         all.map(|(c, start)| {
-            let value = neutral.get(c.axis);
+            let value = self.base.get(c.axis);
             if value.is_finite() { value } else { *start }
         })
         .collect()
@@ -121,9 +117,8 @@ impl Hypothesis {
 
     /// How far a start is from no effect, in standard deviations of its prior; 1 for a size that has no neutral value.
     fn size(&self, start: &[f64]) -> f64 {
-        let neutral = Point::default();
         let each = self.coordinates.iter().zip(start).map(|(c, v)| {
-            let off = (c.variable(*v) - c.variable(neutral.get(c.axis))) / c.sd;
+            let off = (c.variable(*v) - c.variable(self.base.get(c.axis))) / c.sd;
             if off.is_finite() { off * off } else { 0.0 }
         });
         let size = each.sum::<f64>().sqrt();
@@ -136,8 +131,10 @@ impl Hypothesis {
         let variant = self.candidate.as_ref().map_or("", |c| c.variant);
         let (meaning, key) = match self.kind {
             Kind::One(e) => (Meaning::Effect(e), variant),
-            Kind::Payload => (Meaning::Effect(Effect::GravityLoad), "payload"),
-            Kind::WeakBattery => (Meaning::Effect(Effect::SupplySag), "weak_battery"),
+            Kind::Many(Compound::Payload) => (Meaning::Effect(Effect::GravityLoad), "payload"),
+            Kind::Many(Compound::WeakBattery) => {
+                (Meaning::Effect(Effect::SupplySag), "weak_battery")
+            }
             Kind::ColumnScale(c) => (Meaning::Open, column(c)),
         };
         let own = Column {
@@ -166,8 +163,8 @@ const RATIO: f64 = 0.4;
 const SHAPE: f64 = 0.5;
 
 /// The prior of parameter `k` of a candidate: as wide as its starts.
-fn prior(c: &Candidate, k: usize, free: &Free, start: &[f64]) -> (f64, f64) {
-    let neutral = free.to_x(crate::joint::Params::neutral(free.p));
+fn prior(c: &Candidate, k: usize, free: &Free, start: &[f64], base: &Point) -> (f64, f64) {
+    let neutral = free.to_x(base.params.get(free.p));
     if let Some(t) = free.tolerance {
         return (neutral, t);
     }
@@ -175,7 +172,7 @@ fn prior(c: &Candidate, k: usize, free: &Free, start: &[f64]) -> (f64, f64) {
         Map::Log if matches!(free.p, P::RipplePeriods | P::StribeckSpeed | P::DerateTime) => {
             (free.to_x(start[k]), SHAPE)
         }
-        Map::Log => (0.0, RATIO),
+        Map::Log => (neutral, RATIO),
         Map::Linear { .. } => {
             let all: Vec<f64> = c.starts.iter().map(|s| free.to_x(s[k])).collect();
             let neutral = if neutral.is_finite() { neutral } else { 0.0 };
@@ -190,7 +187,7 @@ fn limit(p: P) -> bool {
     matches!(p, P::SlewLimit | P::TorqueLimit | P::CurrentLimit)
 }
 
-fn of_candidate(c: &Candidate, start: &[f64]) -> Hypothesis {
+fn of_candidate(c: &Candidate, start: &[f64], base: &Point) -> Hypothesis {
     let mut fixed = Vec::new();
     let mut coordinates = Vec::new();
     let mut moved = Vec::new();
@@ -202,7 +199,7 @@ fn of_candidate(c: &Candidate, start: &[f64]) -> Hypothesis {
         let (mean, sd) = if limit(free.p) {
             (free.to_x(start[k]), 0.5 * free.to_x(start[k]))
         } else {
-            prior(c, k, free, start)
+            prior(c, k, free, start, base)
         };
         coordinates.push(Coordinate::of_effect(free, mean, sd));
         moved.push(k);
@@ -213,21 +210,16 @@ fn of_candidate(c: &Candidate, start: &[f64]) -> Hypothesis {
         fixed,
         coordinates,
         starts: vec![moved.iter().map(|k| start[*k]).collect()],
+        base: *base,
     }
 }
 
 /// What set-points show before they reach the driver; the transport block weighs it where the driver echoes them.
-const ON_THE_WAY: [Effect; 5] = [
-    Effect::Latency,
-    Effect::Jitter,
-    Effect::PacketLoss,
-    Effect::Quantisation,
-    Effect::ClockSkew,
-];
+const ON_THE_WAY: [Effect; 3] = [Effect::Latency, Effect::Quantisation, Effect::ClockSkew];
 
 /// Every hypothesis that the data could show. `cut` says that set-points are those that the driver applied.
 pub(super) fn library(
-    data: &Data,
+    data: &Data<'_>,
     point: &Point,
     withhold: &[Effect],
     cut: bool,
@@ -236,8 +228,7 @@ pub(super) fn library(
     let scales = candidates::scales(problem, &point.params);
     let mut out = Vec::new();
     for c in candidates::library(problem, &scales) {
-        let echo = matches!(c.effect, Effect::Jitter | Effect::PacketLoss);
-        if echo || (cut && ON_THE_WAY.contains(&c.effect)) {
+        if cut && ON_THE_WAY.contains(&c.effect) {
             continue;
         }
         // Limits, periods and speeds have a prior around each start; else one hypothesis has all its starts.
@@ -245,27 +236,37 @@ pub(super) fn library(
             limit(f.p) || matches!(f.p, P::RipplePeriods | P::StribeckSpeed | P::DerateTime)
         };
         if c.free.iter().any(shaped) {
-            out.extend(c.starts.iter().map(|s| of_candidate(&c, s)));
+            out.extend(c.starts.iter().map(|s| of_candidate(&c, s, point)));
         } else if let Some(first) = c.starts.first() {
-            let mut h = of_candidate(&c, first);
+            let mut h = of_candidate(&c, first, point);
             let moving: Vec<usize> = (0..c.free.len()).filter(|k| !c.free[*k].fixed()).collect();
             let one = |s: &Vec<f64>| moving.iter().map(|k| s[*k]).collect();
             h.starts = c.starts.iter().map(one).collect();
             out.push(h);
         }
     }
-    compounds(data, &mut out);
+    compounds(data, point, &mut out);
+    // What is not stated cannot differ from what is.
+    let unstated: Vec<P> = candidates::nominal(problem)
+        .iter()
+        .filter(|f| f.tolerance.is_none())
+        .map(|f| f.p)
+        .collect();
+    let stated = |a: Axis| !matches!(a, Axis::Joint(p) if unstated.contains(&p));
+    out.retain(|h| h.axes().any(stated));
     let known = |e: Effect| !withhold.contains(&e);
     out.retain(|h| match h.kind {
         Kind::One(e) => known(e),
-        Kind::Payload => known(Effect::GravityLoad) && known(Effect::Inertia),
-        Kind::WeakBattery => known(Effect::SupplyVoltage) && known(Effect::SupplySag),
+        Kind::Many(Compound::Payload) => known(Effect::GravityLoad) && known(Effect::Inertia),
+        Kind::Many(Compound::WeakBattery) => {
+            known(Effect::SupplyVoltage) && known(Effect::SupplySag)
+        }
         Kind::ColumnScale(_) => true,
     });
     out
 }
 
-fn compounds(data: &Data, out: &mut Vec<Hypothesis>) {
+fn compounds(data: &Data<'_>, base: &Point, out: &mut Vec<Hypothesis>) {
     let Some(n) = data.problem.runs.first().map(|r| r.nominal.clone()) else {
         return;
     };
@@ -273,13 +274,14 @@ fn compounds(data: &Data, out: &mut Vec<Hypothesis>) {
     if n.gravity != 0.0 && k.inertia.is_some() && n.output != Output::Velocity {
         let plus = |p, sd| Coordinate::linear(Axis::Joint(p), 0.3, [0.05, 50.0], 1.0, sd);
         out.push(Hypothesis {
-            kind: Kind::Payload,
+            kind: Kind::Many(Compound::Payload),
             candidate: None,
             fixed: Vec::new(),
             coordinates: vec![plus(P::Gravity, 0.7), plus(P::Inertia, 0.7)],
             starts: [0.6, 1.25, 1.6, 2.2, 5.0, 15.0]
                 .map(|r| vec![r, 1.0 + 0.8 * (r - 1.0)])
                 .to_vec(),
+            base: *base,
         });
     }
     if n.output == Output::Duty && k.supply.is_some() {
@@ -293,11 +295,12 @@ fn compounds(data: &Data, out: &mut Vec<Hypothesis>) {
             0.3 * ohm,
         );
         out.push(Hypothesis {
-            kind: Kind::WeakBattery,
+            kind: Kind::Many(Compound::WeakBattery),
             candidate: None,
             fixed: Vec::new(),
             coordinates: vec![volts, sag],
             starts: vec![vec![0.9, 0.1 * ohm], vec![0.8, 0.3 * ohm]],
+            base: *base,
         });
     }
     for channel in [Channel::Current, Channel::Effort] {
@@ -309,6 +312,7 @@ fn compounds(data: &Data, out: &mut Vec<Hypothesis>) {
                 fixed: Vec::new(),
                 coordinates: vec![Coordinate::ratio(axis, RATIO)],
                 starts: vec![vec![0.7], vec![1.4]],
+                base: *base,
             });
         }
     }
@@ -332,11 +336,11 @@ const WITHIN_ROW: f64 = 0.1;
 const WITHIN_PERIOD: f64 = 0.29;
 
 /// What is stated, within its tolerances, and what joints and recordings are built like, which no data set states.
-pub(super) fn nuisances(data: &Data, cut: bool) -> Vec<Coordinate> {
+pub(super) fn nuisances(data: &Data<'_>, base: &Point, cut: bool) -> Vec<Coordinate> {
     let problem = &data.problem;
     let mut out: Vec<Coordinate> = candidates::nominal(problem)
         .iter()
-        .map(Coordinate::nominal)
+        .map(|f| Coordinate::nominal(f, base))
         .collect();
     let position = problem
         .runs
@@ -344,7 +348,7 @@ pub(super) fn nuisances(data: &Data, cut: bool) -> Vec<Coordinate> {
         .any(|r| r.nominal.command == Command::Position);
     if position {
         let within = |p, scale: f64, middle: f64, sd: f64| {
-            Coordinate::linear(Axis::Joint(p), scale, [-1e3, 1e3], middle, sd)
+            Coordinate::linear(Axis::Joint(p), scale, [-1e3, 1e3], middle, sd).around(base)
         };
         out.push(within(P::Scale, 0.1, 1.0, SAME_SCALE));
         out.push(within(P::Offset, 0.1, 0.0, SAME_PLACE * problem.range));
@@ -354,7 +358,7 @@ pub(super) fn nuisances(data: &Data, cut: bool) -> Vec<Coordinate> {
         let period = problem.runs.first().map_or(0.0, |r| r.nominal.period_s);
         let sd = libm::hypot(share * row, WITHIN_PERIOD * period.max(problem.dt_s));
         let axis = Axis::Joint(P::Delay);
-        out.push(Coordinate::linear(axis, 0.01, [-1.0, 1.0], 0.0, sd));
+        out.push(Coordinate::linear(axis, 0.01, [-1.0, 1.0], 0.0, sd).around(base));
     }
     out
 }

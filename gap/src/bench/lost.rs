@@ -50,7 +50,10 @@ struct Run<'a> {
     late: Vec<usize>,
 }
 
-fn played(run: &RunData, point: &Point, data: &Data) -> Errors {
+fn played(run: &RunData, point: &Point, data: &Data<'_>) -> Errors {
+    if data.stop.asked() {
+        return data.nothing(run);
+    }
     let mut trace = Trace::new();
     simulate(run, &point.params, data.problem.dt_s, &mut trace);
     data.of_run(run, &trace, point)
@@ -94,15 +97,25 @@ fn white(errors: &Errors, noise: &[Whitening]) -> Errors {
     all.map(|(e, n)| n.apply(e)).collect()
 }
 
+/// White errors of rows as far as they count.
+fn white_counted(errors: &Errors, noise: &[Whitening], weights: &Errors) -> Errors {
+    let mut out = white(errors, noise);
+    for (out, weights) in out.iter_mut().zip(weights) {
+        let rows = out.iter_mut().zip(weights);
+        rows.for_each(|(out, weight)| *out *= weight.sqrt());
+    }
+    out
+}
+
 /// What a run is played with.
 #[derive(Clone, Copy)]
 struct Play<'a> {
     point: &'a Point,
-    data: &'a Data,
+    data: &'a Data<'a>,
 }
 
 impl<'a> Run<'a> {
-    fn new(run: &'a RunData, data: &Data) -> Self {
+    fn new(run: &'a RunData, data: &Data<'_>) -> Self {
         let channels = data.channels.iter();
         Self {
             data: run,
@@ -173,7 +186,7 @@ impl<'a> Run<'a> {
         price: f64,
     ) -> [f64; 2] {
         let order = noise.iter().map(Whitening::order).max().unwrap_or(0);
-        let mut left = white(left, noise);
+        let mut left = white_counted(left, noise, &self.weights);
         let (mut looked, mut expected) = (0.0, 0.0);
         for own in shapes.chunk_by(|a, b| a.command == b.command) {
             let late = &mut self.late[own[0].command];
@@ -181,7 +194,9 @@ impl<'a> Run<'a> {
             let (mut best, mut most) = (None, 0.0);
             let mut odds = Vec::new();
             for s in own.iter().filter(|s| s.from >= order) {
-                let change = white(&s.change, noise);
+                let rows = s.from..s.from + s.change.first().map_or(0, Vec::len);
+                let weights = self.weights.iter().map(|w| w[rows.clone()].to_vec());
+                let change = white_counted(&s.change, noise, &weights.collect());
                 let half = 0.5 * change.iter().map(|c| dot(c, c)).sum::<f64>();
                 if half <= price {
                     continue;
@@ -225,7 +240,7 @@ fn fast(left: &[Errors], k: usize, floor: f64) -> Whitening {
 }
 
 /// The noise of single recordings by channel, of what losses leave.
-fn noise(runs: &[Run<'_>], left: &[Errors], data: &Data) -> Vec<Whitening> {
+fn noise(runs: &[Run<'_>], left: &[Errors], data: &Data<'_>) -> Vec<Whitening> {
     let one = |k: usize| {
         let all = runs.iter().zip(left);
         let segments: Vec<Segment> = all
@@ -257,7 +272,7 @@ fn the_same(runs: &[Run<'_>]) -> bool {
 pub(super) fn lost(
     manifest: &Manifest,
     recordings: &[Recording],
-    data: &Data,
+    data: &Data<'_>,
     point: &Point,
 ) -> Option<Lost> {
     let mut problem = Problem::new(manifest, recordings, 0)?;
@@ -294,7 +309,8 @@ pub(super) fn lost(
         return None;
     }
     let squares = |all: &[Errors]| -> f64 {
-        let white = all.iter().map(|e| white(e, &filters));
+        let all = all.iter().zip(&runs);
+        let white = all.map(|(e, r)| white_counted(e, &filters, &r.weights));
         white.flatten().map(|w| dot(&w, &w)).sum()
     };
     let mut evidence = 0.5 * (squares(&before) - squares(&left));

@@ -1,6 +1,6 @@
 //! Points in the space of a joint's parameters, and coordinates with priors.
 
-use crate::fit::{Free, Map};
+use crate::candidates::{Free, Map};
 use crate::joint::data::CHANNELS;
 use crate::joint::{P, Params};
 
@@ -55,6 +55,8 @@ pub(super) struct Coordinate {
     /// Prior mean and standard deviation of the variable.
     pub(super) mean: f64,
     pub(super) sd: f64,
+    /// Whether the data set says what it is.
+    pub(super) stated: bool,
 }
 
 /// Standard deviations of what is not stated: a factor of 4.5 for a positive number, thirty typical sizes for another.
@@ -63,7 +65,7 @@ const UNSTATED_LINEAR: f64 = 30.0;
 
 impl Coordinate {
     /// A stated number within its tolerance, or one that is not stated.
-    pub(super) fn nominal(free: &Free) -> Self {
+    pub(super) fn nominal(free: &Free, base: &Point) -> Self {
         let unstated = match free.map {
             Map::Log => UNSTATED_LOG,
             Map::Linear { .. } => UNSTATED_LINEAR,
@@ -73,8 +75,9 @@ impl Coordinate {
             map: free.map,
             low: free.low,
             high: free.high,
-            mean: free.to_x(crate::joint::Params::neutral(free.p)),
+            mean: free.to_x(base.params.get(free.p)),
             sd: free.tolerance.unwrap_or(unstated),
+            stated: free.tolerance.is_some(),
         }
     }
 
@@ -87,6 +90,7 @@ impl Coordinate {
             high: free.high,
             mean,
             sd,
+            stated: true,
         }
     }
 
@@ -105,6 +109,15 @@ impl Coordinate {
             high,
             mean: mean / scale,
             sd: sd / scale,
+            stated: true,
+        }
+    }
+
+    /// The same around what a joint is like.
+    pub(super) fn around(self, base: &Point) -> Self {
+        Self {
+            mean: self.variable(base.get(self.axis)),
+            ..self
         }
     }
 
@@ -117,6 +130,7 @@ impl Coordinate {
             high: 1e3,
             mean: 0.0,
             sd,
+            stated: true,
         }
     }
 
@@ -160,6 +174,12 @@ pub(super) struct Model {
 }
 
 impl Model {
+    /// The variables at a point.
+    pub(super) fn start(&self, point: &Point) -> Vec<f64> {
+        let all = self.coordinates.iter();
+        all.map(|c| c.variable(point.get(c.axis))).collect()
+    }
+
     pub(super) fn point(&self, x: &[f64]) -> Point {
         let mut out = self.base;
         for (c, x) in self.coordinates.iter().zip(x) {

@@ -40,7 +40,12 @@ pub(super) struct Seen {
 impl Noise {
     /// From what `directions` together leave of `errors`; `error` is the model error in any one direction, as a share
     /// of the noise, which no number of rows averages away.
-    pub(super) fn new(data: &Data, errors: &Errors, directions: &[Direction], error: f64) -> Self {
+    pub(super) fn new(
+        data: &Data<'_>,
+        errors: &Errors,
+        directions: &[Direction],
+        error: f64,
+    ) -> Self {
         let columns: Vec<Column> = directions
             .iter()
             .map(|d| Column {
@@ -85,7 +90,44 @@ impl Noise {
         out.with_healthy(directions)
     }
 
-    fn with_healthy(mut self, directions: &[Direction]) -> Self {
+    /// White noise as large as `errors`, which are alike for half a second: for fits that are to be played from set-points
+    /// alone, whatever of the joint no model has.
+    pub(super) fn plain(data: &Data<'_>, errors: &Errors) -> Self {
+        let mut out = Self {
+            filters: Vec::new(),
+            count: 1.0,
+            weights: data.weights.clone(),
+            channel: Vec::new(),
+            healthy: Vec::new(),
+            factor: Vec::new(),
+        };
+        for k in 0..data.channels.len() {
+            let own = data.series(k);
+            let (mut squares, mut rows) = (0.0, 0.0);
+            for s in own.clone() {
+                let each = errors[s].iter().zip(&data.weights[s]);
+                squares += each.map(|(e, w)| w * e * e).sum::<f64>();
+                rows += data.weights[s].iter().sum::<f64>();
+            }
+            let noise = (squares / f64::max(rows, 1.0)).sqrt();
+            out.filters
+                .push(Whitening::plain(libm::hypot(noise, data.floor(k))));
+            out.channel.extend(own.map(|_| k));
+        }
+        let seconds = data
+            .problem
+            .runs
+            .iter()
+            .map(|r| r.steps as f64)
+            .sum::<f64>()
+            * data.problem.dt_s;
+        let rows = out.weights.iter().flatten().sum::<f64>() / data.channels.len().max(1) as f64;
+        out.count = (2.0 * seconds / f64::max(rows, 1.0)).min(1.0);
+        out
+    }
+
+    /// The same noise, with what healthy joints differ by along these directions.
+    pub(super) fn with_healthy(mut self, directions: &[Direction]) -> Self {
         let scaled = |d: &Direction| -> Errors {
             let white = self.white(&d.errors);
             let all = white.into_iter();
@@ -109,13 +151,20 @@ impl Noise {
         self
     }
 
-    /// Logarithm of the likelihood of the errors that the noise was made from, beside their squares and a constant.
+    /// Logarithm of the likelihood of the errors that the noise was made from, beside their squares and a constant; rows
+    /// count as they do in the squares.
     pub(super) fn log_likelihood(&self) -> f64 {
         let rows = self.weights.iter().zip(&self.channel);
         let own: f64 = rows
             .map(|(w, k)| w.iter().sum::<f64>() * libm::log(self.filters[*k].noise))
             .sum();
-        -own - 0.5 * log_determinant(&self.factor, self.healthy.len())
+        -self.count * own - 0.5 * log_determinant(&self.factor, self.healthy.len())
+    }
+
+    /// The same of errors as large as the noise: what a set can reach that leaves no more.
+    pub(super) fn reach(&self) -> f64 {
+        let rows: f64 = self.weights.iter().flatten().sum();
+        self.log_likelihood() - 0.5 * self.count * rows
     }
 
     pub(super) fn white(&self, errors: &Errors) -> Errors {

@@ -5,13 +5,14 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use super::data::Data;
+use super::diagnosis::HeldOut;
 use super::library::{Hypothesis, Kind};
 use super::search::Set;
 use super::{Explained, shown};
 use crate::decide::{CLASS, Calibration, LEVEL, MOST, ORDINARY, Shown};
 use crate::evidence::cause::Scope;
 use crate::names;
-use crate::vocabulary::Effect;
+use crate::vocabulary::{Compound, Effect};
 use crate::whole::{Alternative, Probabilities, Row, Value};
 
 /// One word.
@@ -43,6 +44,9 @@ pub struct Causes {
     pub causes: Vec<Row>,
     /// None and unknown.
     pub probabilities: Probabilities,
+    /// How far the gap shrinks on runs that no fit saw.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub held_out: Option<HeldOut>,
     /// Keys of `dataset.toml` without which no cause can be named.
     pub to_state: Vec<&'static str>,
     /// Chance that a joint without a cause leaves as much.
@@ -79,7 +83,7 @@ impl Read {
         }
     }
 
-    fn row(&self, data: &Data, calibration: &Calibration) -> Row {
+    fn row(&self, data: &Data<'_>, calibration: &Calibration) -> Row {
         let shown = shown(data, Kind::One(self.effect));
         let p_value = calibration.p_value(&shown, self.evidence);
         let off = 1.96 * self.error;
@@ -124,6 +128,7 @@ impl Causes {
                 none: 0.0,
                 unknown: 1.0,
             },
+            held_out: None,
             to_state: missing,
             remainder_p: None,
             least_evidence: calibration.ask(&Shown::default()),
@@ -197,9 +202,10 @@ fn values(e: &Explained<'_>, set: &Set, h: &Hypothesis, law: f64) -> BTreeMap<&'
 fn key(h: &Hypothesis, axis: super::model::Axis) -> &'static str {
     use super::model::Axis;
     use crate::joint::P;
-    match (h.kind, axis) {
-        (super::library::Kind::Payload, Axis::Joint(P::Inertia)) => "inertia_ratio",
-        (super::library::Kind::Payload, _) => "ratio",
+    let payload = h.kind == super::library::Kind::Many(Compound::Payload);
+    match (payload, axis) {
+        (true, Axis::Joint(P::Inertia)) => "inertia_ratio",
+        (true, _) => "ratio",
         (_, Axis::Joint(P::Supply)) => "supply_ratio",
         (_, Axis::Joint(P::Sag)) => "resistance_ohm",
         _ => "ratio",
@@ -269,6 +275,13 @@ impl Explained<'_> {
         }
     }
 
+    /// Causes that a signal shows by itself and that have the evidence that is asked.
+    pub(super) fn named(&self, calibration: &Calibration) -> Vec<Read> {
+        let asked = |r: &Read| calibration.ask(&shown(&self.data, Kind::One(r.effect)));
+        let read = self.transport.read.iter();
+        read.filter(|r| r.evidence > asked(r)).copied().collect()
+    }
+
     /// Causes in words and numbers, decided by `calibration`.
     pub(super) fn rows(&self, calibration: &Calibration) -> Causes {
         let members = 0..self.found.best.members.len();
@@ -278,14 +291,13 @@ impl Explained<'_> {
                 (self.row(i, calibration), kind.plain())
             })
             .collect();
-        let read = self.transport.read.iter();
-        let asked = |r: &Read| calibration.ask(&shown(&self.data, Kind::One(r.effect)));
-        let strong = read.filter(|r| r.evidence > asked(r));
+        let strong = self.named(calibration);
+        let strong = strong.iter();
         let row = |r: &Read| (r.row(&self.data, calibration), r.effect.plain().to_owned());
         named.extend(strong.map(row));
         named.sort_by(|a, b| b.0.evidence.total_cmp(&a.0.evidence));
         let (causes, plain): (Vec<Row>, Vec<String>) = named.into_iter().unzip();
-        let remainder_p = calibration.remainder_p(self.remainder.ratio);
+        let remainder_p = self.remainder.p_value(calibration);
         let more = remainder_p < LEVEL;
         let ordinary = remainder_p >= ORDINARY;
         let verdict = match causes.first() {
@@ -312,6 +324,7 @@ impl Explained<'_> {
             sentence: sentence(verdict, &plain, more),
             causes,
             probabilities: Probabilities { none, unknown },
+            held_out: None,
             to_state: Vec::new(),
             remainder_p: Some(remainder_p),
             least_evidence: self.least(calibration),

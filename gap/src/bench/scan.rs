@@ -4,13 +4,14 @@ use rayon::prelude::*;
 
 use super::data::{Data, Errors};
 use super::fit::{Fit, Normal, normal};
-use super::library::{Hypothesis, SITE};
+use super::library::{Hypothesis, Kind, SITE};
 use super::model::{Coordinate, Point};
 use super::noise::{Direction, Noise, Seen};
 use super::search::{Search, Set, model_error};
 use crate::evidence::block::{Column, Segment, White};
 use crate::evidence::ensemble::name;
 use crate::evidence::linear::{cholesky, dot, forward};
+use crate::vocabulary::Stage;
 
 /// Starts of one hypothesis that are kept after the first scan.
 const KEPT: usize = 8;
@@ -27,7 +28,7 @@ pub(super) struct Scanned {
 
 impl Search<'_> {
     /// Every hypothesis around a set at its best start, best first, one a kind and way.
-    pub(super) fn scan(&self, data: &Data, set: &Set) -> Vec<Scanned> {
+    pub(super) fn scan(&self, data: &Data<'_>, set: &Set) -> Vec<Scanned> {
         let mut all = self.scan_all(data, set);
         self.one_a_way(&mut all);
         all
@@ -58,7 +59,7 @@ impl Search<'_> {
     }
 
     /// Every start of every hypothesis, best first.
-    pub(super) fn scan_all(&self, data: &Data, set: &Set) -> Vec<Scanned> {
+    pub(super) fn scan_all(&self, data: &Data<'_>, set: &Set) -> Vec<Scanned> {
         let here = set.fit.point();
         let mut asked: Vec<(usize, &Vec<f64>)> = Vec::new();
         for (h, own) in self.hypotheses.iter().enumerate() {
@@ -110,9 +111,9 @@ impl Search<'_> {
     }
 
     /// What healthy joints differ by along the members of a set.
-    fn differs(&self, data: &Data, set: &Set) -> Vec<Direction> {
+    fn differs(&self, data: &Data<'_>, set: &Set) -> Vec<Direction> {
         let here = set.fit.point();
-        let neutral = Point::default();
+        let neutral = self.base;
         let members = set.members.iter().map(|m| &self.hypotheses[*m]);
         let mut points = Vec::new();
         let mut healthy = Vec::new();
@@ -141,7 +142,20 @@ impl Search<'_> {
     }
 
     /// The noise of what all that was scanned leaves around a set, of whose members the first `stand` are known.
-    pub(super) fn listen(&mut self, data: &Data, set: &Set, scanned: &[Scanned], stand: usize) {
+    pub(super) fn listen(&mut self, data: &Data<'_>, set: &Set, scanned: &[Scanned], stand: usize) {
+        let directions = self.directions(data, set, scanned, stand);
+        let error = model_error(self.spreads);
+        self.noise = Noise::new(data, &set.fit.errors, &directions, error);
+    }
+
+    /// Directions around a set, of whose members the first `stand` are known.
+    pub(super) fn directions(
+        &self,
+        data: &Data<'_>,
+        set: &Set,
+        scanned: &[Scanned],
+        stand: usize,
+    ) -> Vec<Direction> {
         let mut directions: Vec<Direction> = scanned
             .iter()
             .map(|s| {
@@ -162,12 +176,7 @@ impl Search<'_> {
         }
         directions.extend(self.differs(data, set));
         self.off_law(set, stand, &mut directions);
-        self.noise = Noise::new(
-            data,
-            &set.fit.errors,
-            &directions,
-            model_error(self.spreads),
-        );
+        directions
     }
 
     /// The law of a cause is off by a share: that share of what the cause changes may look like any other direction. So a
@@ -190,7 +199,7 @@ impl Search<'_> {
     }
 
     /// A joint without a cause as a block: what all that was scanned changes, and what its own numbers do.
-    pub(super) fn block(&self, data: &Data, set: &Set) -> White {
+    pub(super) fn block(&self, data: &Data<'_>, set: &Set) -> White {
         let scanned = self.scan(data, set);
         let mut columns = Vec::new();
         let mut x: Vec<Errors> = Vec::new();
@@ -266,6 +275,56 @@ fn add(to: &mut Errors, direction: &Errors, by: f64) {
     }
 }
 
+/// Evidence of a generic cause in each stage, and what one could see: both from what was scanned around a set.
+impl Search<'_> {
+    /// Parts of what a set leaves, by the stage whose effects together would take them off; `None` for what is in doubt
+    /// between stages. They add up to one. Errors count as they are, as in [`super::remainder`]: noise that follows its
+    /// own past would have what is slow.
+    pub(super) fn left(&self, data: &Data<'_>, set: &Set) -> Vec<(Option<Stage>, f64)> {
+        let mut plain = self.clone();
+        plain.noise = Noise::plain(data, &set.fit.errors);
+        let scanned = plain.scan(data, set);
+        let around = Around::new(&plain.noise, &set.fit);
+        let of = |stage: Option<Stage>| {
+            let own = |s: &&Scanned| {
+                let kind = self.hypotheses[s.hypothesis].kind;
+                stage.is_none_or(|stage| kind.stage() == stage)
+            };
+            let changes: Vec<&Errors> = scanned.iter().filter(own).map(|s| &s.change).collect();
+            around.together(&changes)
+        };
+        let all = of(None);
+        let stages = Stage::JOINT.map(|s| (s, of(Some(s))));
+        let sum: f64 = stages.iter().map(|s| s.1).sum();
+        let most = stages.iter().map(|s| s.1).fold(0.0, f64::max);
+        if sum <= 0.0 || all <= 0.0 {
+            return vec![(None, 1.0)];
+        }
+        let sure = (most / all).min(1.0);
+        let parts = stages.into_iter().filter(|s| s.1 > 0.0);
+        let mut out: Vec<(Option<Stage>, f64)> = parts
+            .map(|(stage, own)| (Some(stage), sure * own / sum))
+            .collect();
+        out.push((None, 1.0 - sure));
+        out
+    }
+
+    /// For each kind of cause the evidence that its largest start would have around a set.
+    pub(super) fn visible(&self, data: &Data<'_>, set: &Set) -> Vec<(Kind, f64)> {
+        let around = Around::new(&self.noise, &set.fit);
+        let mut out: Vec<(Kind, f64)> = Vec::new();
+        for s in self.scan_all(data, set) {
+            let kind = self.hypotheses[s.hypothesis].kind;
+            let seen = around.square(&s.change);
+            match out.iter_mut().find(|o| o.0 == kind) {
+                Some(o) => o.1 = o.1.max(seen),
+                None => out.push((kind, seen)),
+            }
+        }
+        out
+    }
+}
+
 /// What a change of the errors gains around a fit, whose own coordinates give way.
 struct Around<'a> {
     noise: &'a Noise,
@@ -289,6 +348,47 @@ impl<'a> Around<'a> {
             factor,
             solved,
         }
+    }
+
+    /// Half the squares of a change beyond what the fit's own coordinates imitate.
+    fn square(&self, change: &Errors) -> f64 {
+        let weights = &self.normal.weights;
+        let d = self.noise.seen(self.noise.white(change), weights);
+        let slopes = self.normal.slopes.iter();
+        let mut along: Vec<f64> = slopes.map(|s| self.noise.product(s, &d, weights)).collect();
+        forward(&self.factor, along.len(), &mut along);
+        0.5 * (self.noise.product(&d, &d, weights) - dot(&along, &along))
+    }
+
+    /// Half the squares that changes gain together, each of a share around none of what was scanned.
+    fn together(&self, changes: &[&Errors]) -> f64 {
+        let weights = &self.normal.weights;
+        let product = |a: &Seen, b: &Seen| self.noise.product(a, b, weights);
+        let seen = |c: &&Errors| self.noise.seen(self.noise.white(c), weights);
+        let all: Vec<Seen> = changes.iter().map(seen).collect();
+        let along = |d: &Seen| {
+            let mut out: Vec<f64> = self.normal.slopes.iter().map(|s| product(s, d)).collect();
+            forward(&self.factor, self.solved.len(), &mut out);
+            out
+        };
+        let own: Vec<Vec<f64>> = all.iter().map(along).collect();
+        let n = all.len();
+        let mut a = vec![0.0; n * n];
+        for i in 0..n {
+            for j in 0..=i {
+                let p = product(&all[i], &all[j]) - dot(&own[i], &own[j]);
+                a[i * n + j] = p;
+                a[j * n + i] = p;
+            }
+            a[i * n + i] += 1.0;
+        }
+        let moment = |(d, along): (&Seen, &Vec<f64>)| {
+            product(d, &self.normal.errors) - dot(along, &self.solved)
+        };
+        let mut z: Vec<f64> = all.iter().zip(&own).map(moment).collect();
+        let l = cholesky(&a, n);
+        forward(&l, n, &mut z);
+        0.5 * dot(&z, &z)
     }
 
     /// Half the squares that `share * change` gains, the share being about one.

@@ -1,25 +1,29 @@
 //! Sets of causes by their evidence: of all hypotheses scanned around a fit the best are fitted, one more at a time.
 
+mod exchange;
+mod start;
+mod weigh;
+
 use std::collections::BTreeMap;
 
-use super::data::{Data, HORIZONS_S};
+use super::Asked;
+use super::data::Data;
 use super::fit::Fit;
 use super::library::{Hypothesis, Kind, SITE, library, nuisances};
 use super::model::{Axis, Coordinate, Model, Point};
 use super::noise::Noise;
 use super::scan::Scanned;
-use crate::decide::CLASS;
 use crate::evidence::ensemble::{Spreads, kind};
 use crate::vocabulary::{Effect, Stage};
+use crate::watch::Watch;
+use weigh::Weighed;
 
 /// Hypotheses that are fitted of those that were scanned.
 const FITTED: usize = 8;
-/// Sets of those that grew, best first, that are weighed under the noise they leave.
-const TRIED: usize = 3;
-/// Rivals that are tried in the place of members.
-const EXCHANGES: usize = 8;
-/// Rivals that are fitted from where the set stands.
-const SWAPPED: usize = 4;
+/// Sets that explain most of the errors as they are, which are weighed too.
+const PLAINLY: usize = 2;
+/// Standard deviations of a prior within which two fits are one.
+const SAME: f64 = 0.1;
 /// Rounds in which the fit without a cause may move.
 const ROUNDS: usize = 3;
 /// Half of the squares that a hypothesis must gain to lead the fit without a cause elsewhere.
@@ -49,12 +53,26 @@ pub(super) struct Set {
     pub(super) evidence: f64,
 }
 
+impl Set {
+    /// Whether both have the same causes at the same sizes, as far as their priors tell sizes apart.
+    fn is_at(&self, other: &Self) -> bool {
+        let [own, theirs] = [self, other].map(|s| (&s.fit.model.coordinates, &s.fit.x));
+        let same = |(c, x): (&Coordinate, &f64)| {
+            let at = theirs.0.iter().position(|o| o.axis == c.axis);
+            at.is_some_and(|i| (x - theirs.1[i]).abs() < SAME * c.sd)
+        };
+        self.members == other.members && own.0.iter().zip(own.1).all(same)
+    }
+}
+
 /// Another cause in the place of a member.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Rival {
     pub(super) hypothesis: usize,
     /// Evidence of the set less that with the rival.
     pub(super) margin: f64,
+    /// The joint with it.
+    pub(super) point: Point,
 }
 
 /// What a search found.
@@ -62,29 +80,65 @@ pub(super) struct Found {
     pub(super) best: Set,
     /// Evidence that each member adds.
     pub(super) gains: Vec<f64>,
+    /// The set without each member; of a search that was ended, of the first ones.
+    pub(super) without: Vec<Point>,
     /// Rivals of each member, nearest first.
     pub(super) rivals: Vec<Vec<Rival>>,
+    /// What each step of the search added.
+    pub(super) steps: Vec<Step>,
+    /// Whether the search was ended before its end.
+    pub(super) partial: bool,
     /// The cause of those that were not taken which comes nearest to what is asked of it, and what it adds.
     pub(super) next: Option<(Kind, f64)>,
 }
 
-/// A set with one cause more and the set without it, under the noise that the larger one leaves.
-struct Weighed {
-    with: Set,
-    without: Set,
-    noise: Noise,
+/// A cause that came in.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Step {
+    pub(super) kind: Kind,
+    /// All that were in then.
+    pub(super) members: Vec<usize>,
+    /// The joint with it.
+    pub(super) point: Point,
 }
 
-impl Weighed {
-    /// Evidence that the cause adds.
-    fn adds(&self) -> f64 {
-        self.with.evidence - self.without.evidence
+/// A search as it grew.
+#[derive(Default)]
+struct Grown {
+    steps: Vec<Step>,
+    /// Evidence that each member added, by its number, and the set without it.
+    added: Vec<(usize, f64, Point)>,
+}
+
+impl Grown {
+    fn add(&mut self, search: &Search<'_>, taken: &Weighed) {
+        let with = &taken.with.set;
+        if let Some(last) = with.members.last() {
+            self.steps.push(Step {
+                kind: search.hypotheses[*last].kind,
+                members: with.members.clone(),
+                point: with.fit.point(),
+            });
+            let without = taken.without.fit.point();
+            self.added.push((*last, taken.adds(), without));
+        }
     }
 
-    /// Evidence of the larger set with the likelihood of its noise: sets that leave different noises are compared by
-    /// it, as by a likelihood whose noise is fitted with each.
-    fn total(&self) -> f64 {
-        self.noise.log_likelihood() + self.with.evidence
+    /// What was found before its members were exchanged.
+    fn found(self, best: Set, next: Option<(Kind, f64)>) -> Found {
+        let own = |m: &usize| self.added.iter().rev().find(|a| a.0 == *m);
+        let gains = best.members.iter().map(|m| own(m).map_or(0.0, |a| a.1));
+        let here = best.fit.point();
+        let without = best.members.iter().map(|m| own(m).map_or(here, |a| a.2));
+        Found {
+            gains: gains.collect(),
+            without: without.collect(),
+            rivals: vec![Vec::new(); best.members.len()],
+            next,
+            steps: self.steps,
+            partial: false,
+            best,
+        }
     }
 }
 
@@ -96,27 +150,35 @@ pub(super) struct Known<'a> {
 }
 
 /// Everything that sets are made of.
+#[derive(Clone)]
 pub(super) struct Search<'a> {
     pub(super) hypotheses: Vec<Hypothesis>,
     nuisances: Vec<Coordinate>,
     pub(super) noise: Noise,
     log_prior: f64,
-    base: Point,
+    pub(super) base: Point,
+    /// The same with what is not stated where it fits best.
+    pub(super) start: Point,
     /// What healthy joints differ by.
     pub(super) spreads: &'a Spreads,
+    /// Effects that the library must not contain.
+    pub(super) withhold: Vec<Effect>,
     /// By what share the laws of causes are off, by stage.
     laws: &'a BTreeMap<String, f64>,
     /// Sets that were weighed under the noise that they leave, with their totals.
-    tried: Vec<(Vec<usize>, f64)>,
+    tried: BTreeMap<Vec<usize>, f64>,
 }
 
 impl<'a> Search<'a> {
-    pub(super) fn new(data: &Data, withhold: &[Effect], cut: bool, known: Known<'a>) -> Self {
-        let base = Point::default();
-        let nuisances = nuisances(data, cut);
+    fn of(data: &Data<'_>, asked: &Asked<'_, '_>, cut: bool, known: Known<'a>) -> Self {
+        let mut base = Point::default();
+        if let Some(before) = asked.baseline {
+            (base.params, base.columns) = (before.params, before.columns);
+        }
+        let nuisances = nuisances(data, &base, cut);
         let errors = data.errors(&[base]).remove(0);
         let noise = Noise::new(data, &errors, &[], MODEL_ERROR);
-        let hypotheses = library(data, &base, withhold, cut);
+        let hypotheses = library(data, &base, asked.withhold, cut);
         let mut kinds: Vec<Kind> = Vec::new();
         for h in &hypotheses {
             if !kinds.contains(&h.kind) {
@@ -129,36 +191,38 @@ impl<'a> Search<'a> {
             noise,
             log_prior: libm::log(EXPECTED / kinds.len().max(1) as f64),
             base,
+            start: base,
             spreads: known.spreads,
+            withhold: asked.withhold.to_vec(),
             laws: known.laws,
-            tried: Vec::new(),
+            tried: BTreeMap::new(),
         }
     }
 
-    /// The data over the horizon at which they are likeliest, and a search of them.
-    ///
-    /// Each row's error is its own value less what those before predict, so likelihoods of two horizons are of the same
-    /// data (prediction-error decomposition: Schweppe 1965). All hypotheses explain what they can of each.
-    pub(super) fn likeliest(
-        data: &Data,
-        withhold: &[Effect],
+    /// A search of `data` from where what is not stated fits best.
+    pub(super) fn new(data: &Data<'_>, asked: &Asked<'_, '_>, cut: bool, known: Known<'a>) -> Self {
+        let start = Self::of(data, asked, cut, known).scattered(data);
+        Self::from(data, asked, cut, known, start)
+    }
+
+    /// A search of `data` from `start` on, under the noise that all hypotheses together leave.
+    pub(super) fn from(
+        data: &Data<'_>,
+        asked: &Asked<'_, '_>,
         cut: bool,
         known: Known<'a>,
-    ) -> (Data, Self) {
-        let over = |horizon_s| {
-            let data = data.over(horizon_s);
-            let mut own = Self::new(&data, withhold, cut, known);
-            let bare = own.fitted(&data, Vec::new(), &own.base.clone(), RANKS);
-            let mut scanned = own.scan_all(&data, &bare);
-            own.thin(&scanned);
-            own.one_a_way(&mut scanned);
-            own.listen(&data, &bare, &scanned, 0);
-            (own.noise.log_likelihood(), data, own)
-        };
-        let [first, rest @ ..] = HORIZONS_S.map(over);
-        let likelier = |a: (f64, Data, Self), b: (f64, Data, Self)| if b.0 > a.0 { b } else { a };
-        let (_, data, own) = rest.into_iter().fold(first, likelier);
-        (data, own)
+        start: Point,
+    ) -> Self {
+        let mut own = Self::of(data, asked, cut, known);
+        own.start = start;
+        let errors = data.errors(&[own.start]).remove(0);
+        own.noise = Noise::new(data, &errors, &[], MODEL_ERROR);
+        let bare = own.fitted(data, Vec::new(), &own.start, RANKS);
+        let mut scanned = own.scan_all(data, &bare);
+        own.thin(&scanned);
+        own.one_a_way(&mut scanned);
+        own.listen(data, &bare, &scanned, 0);
+        own
     }
 
     /// By what share the laws of a stage are off.
@@ -167,7 +231,7 @@ impl<'a> Search<'a> {
     }
 
     /// Parameters and priors of a set.
-    fn model(&self, members: &[usize]) -> Model {
+    pub(super) fn model(&self, members: &[usize]) -> Model {
         let mut base = self.base;
         let mut coordinates: Vec<Coordinate> = Vec::new();
         for m in members {
@@ -181,20 +245,33 @@ impl<'a> Search<'a> {
         Model { base, coordinates }
     }
 
-    fn fitted(&self, data: &Data, members: Vec<usize>, point: &Point, most: usize) -> Set {
+    fn fitted(&self, data: &Data<'_>, members: Vec<usize>, point: &Point, most: usize) -> Set {
         let model = self.model(&members);
-        let start: Vec<f64> = model
-            .coordinates
-            .iter()
-            .map(|c| c.variable(point.get(c.axis)))
-            .collect();
+        let start = model.start(point);
         let fit = Fit::new(data, &self.noise, model, &start, most);
-        let evidence = fit.evidence + self.log_prior * members.len() as f64;
-        Set {
-            members,
-            fit,
-            evidence,
-        }
+        self.set(members, fit)
+    }
+
+    /// A set, fitted from a point.
+    pub(super) fn set_at(&self, data: &Data<'_>, members: Vec<usize>, start: &Point) -> Set {
+        self.fitted(data, members, start, STAYS)
+    }
+
+    /// Where a set stands that is fitted from a point.
+    pub(super) fn point(&self, data: &Data<'_>, members: Vec<usize>, start: &Point) -> Point {
+        self.set_at(data, members, start).fit.point()
+    }
+
+    /// The search on other data, under the noise that a set leaves there, and the set as it is there.
+    pub(super) fn around(&self, data: &Data<'_>, set: &Set) -> (Self, Set) {
+        let mut out = self.clone();
+        out.tried.clear();
+        let point = set.fit.point();
+        let errors = data.errors(&[point]).remove(0);
+        out.noise = Noise::new(data, &errors, &[], MODEL_ERROR);
+        let here = out.fitted(data, set.members.clone(), &point, 0);
+        let here = out.settled(data, &here);
+        (out, here)
     }
 
     /// Whether a hypothesis may stand beside the members.
@@ -222,7 +299,7 @@ impl<'a> Search<'a> {
     }
 
     /// Sets with one cause more, best first.
-    fn grown(&self, data: &Data, set: &Set, scanned: &[Scanned]) -> Vec<Set> {
+    fn grown(&self, data: &Data<'_>, set: &Set, scanned: &[Scanned]) -> Vec<Set> {
         let here = set.fit.point();
         let absorbed = self.absorbed(set);
         let mut all: Vec<&Scanned> = scanned.iter().chain(&absorbed).collect();
@@ -243,26 +320,27 @@ impl<'a> Search<'a> {
 
     /// Sets of one cause, fitted from what is stated. From the fit without a cause a search may not come back: its
     /// numbers imitate what they can of a large cause.
-    fn stated(&self, data: &Data) -> Vec<Set> {
-        let stated = self.fitted(data, Vec::new(), &self.base, 0);
+    fn stated(&self, data: &Data<'_>) -> Vec<Set> {
+        let stated = self.fitted(data, Vec::new(), &self.start, 0);
         let scanned = self.scan(data, &stated);
         self.grown(data, &stated, &scanned)
     }
 
     /// What each kind of cause that a search would fit adds to a set without any, under the noise that it leaves.
-    pub(super) fn alone(&mut self, data: &Data, bare: &Set) -> Vec<(Kind, f64)> {
+    pub(super) fn alone(&mut self, data: &Data<'_>, bare: &Set) -> Vec<(Kind, f64)> {
         let mut out = Vec::new();
         let all = self.candidates(data, std::slice::from_ref(bare));
-        for set in self.worth_weighing(&all, bare) {
+        let plainly = self.plainly(data, bare);
+        for set in self.worth_weighing(&all, bare, &plainly) {
             let own = set.members.last().map(|h| self.hypotheses[*h].kind);
-            let adds = self.larger(data, bare, set).adds();
+            let adds = self.weighed(data, bare, set).adds();
             out.extend(own.map(|own| (own, adds)));
         }
         out
     }
 
     /// Sets with one cause more than those of `beam`, one a kind, best first.
-    fn candidates(&self, data: &Data, beam: &[Set]) -> Vec<Set> {
+    fn candidates(&self, data: &Data<'_>, beam: &[Set]) -> Vec<Set> {
         let mut all = Vec::new();
         for set in beam {
             let scanned = self.scan(data, set);
@@ -276,50 +354,47 @@ impl<'a> Search<'a> {
         all
     }
 
-    /// The best set, and of the next those that have more evidence than the one without their cause.
-    fn worth_weighing<'s>(&self, all: &'s [Set], without: &Set) -> Vec<&'s Set> {
-        let more = |(n, s): &(usize, &Set)| *n == 0 || s.evidence > without.evidence;
-        let best = all.iter().take(TRIED).enumerate();
-        best.filter(more).map(|s| s.1).collect()
+    /// Sets with one cause more that explain most of the errors as they are. Noise that follows its own past takes a slow
+    /// error of any size for itself, and hides what causes it.
+    fn plainly(&self, data: &Data<'_>, set: &Set) -> Vec<Set> {
+        let mut own = self.clone();
+        own.noise = Noise::plain(data, &set.fit.errors);
+        let start = if set.members.is_empty() {
+            self.start
+        } else {
+            set.fit.point()
+        };
+        let here = own.fitted(data, set.members.clone(), &start, STAYS);
+        let mut all = own.grown(data, &here, &own.scan(data, &here));
+        all.retain(|s| s.evidence > here.evidence);
+        own.one_a_kind(&mut all);
+        all.truncate(PLAINLY);
+        all
     }
 
-    /// A set with one cause more, and the set without it, under the noise that the larger one leaves; each from where
-    /// either was.
-    fn larger(&mut self, data: &Data, set: &Set, with: &Set) -> Weighed {
-        let old = self.noise.clone();
-        let scanned = self.scan(data, with);
-        self.listen(data, with, &scanned, set.members.len());
-        let more = self.fitted(data, with.members.clone(), &with.fit.point(), STAYS);
-        let less = self.fitted(data, set.members.clone(), &set.fit.point(), STAYS);
-        let less = self.better(data, less, &more.fit.point());
-        let added = with.members.last().map(|h| &self.hypotheses[*h]);
-        let neutral = added.map_or(Vec::new(), Hypothesis::neutral);
-        let start = added.map_or(less.fit.point(), |h| h.on(&less.fit.point(), &neutral));
-        let more = self.better(data, more, &start);
-        Weighed {
-            with: more,
-            without: less,
-            noise: std::mem::replace(&mut self.noise, old),
+    /// A set from where it stands on, under another noise.
+    fn under(&self, data: &Data<'_>, noise: &Noise, set: &Set) -> Set {
+        let fit = set.fit.clone().under(data, noise, STAYS);
+        self.set(set.members.clone(), fit)
+    }
+
+    fn set(&self, members: Vec<usize>, fit: Fit) -> Set {
+        Set {
+            evidence: fit.evidence + self.log_prior * members.len() as f64,
+            members,
+            fit,
         }
     }
 
-    /// Whether a set may have a higher total: it was not weighed, or had one.
-    fn may_beat(&self, set: &Set, total: f64) -> bool {
-        let same =
-            |m: &[usize]| m.len() == set.members.len() && m.iter().all(|h| set.members.contains(h));
-        let known = self.tried.iter().rev().find(|m| same(&m.0));
-        known.is_none_or(|m| m.1 > total)
-    }
-
     /// A set under the noise that it leaves itself.
-    fn settled(&mut self, data: &Data, set: &Set) -> Set {
+    fn settled(&mut self, data: &Data<'_>, set: &Set) -> Set {
         let scanned = self.scan(data, set);
         self.listen(data, set, &scanned, set.members.len());
-        self.fitted(data, set.members.clone(), &set.fit.point(), STAYS)
+        self.under(data, &self.noise, set)
     }
 
     /// A set as it is or as fitted from another point, whichever is likelier.
-    fn better(&self, data: &Data, set: Set, start: &Point) -> Set {
+    fn better(&self, data: &Data<'_>, set: Set, start: &Point) -> Set {
         let other = self.fitted(data, set.members.clone(), start, STAYS);
         if other.evidence > set.evidence {
             other
@@ -336,12 +411,12 @@ impl<'a> Search<'a> {
 
     /// The fit without a cause, under the noise that all hypotheses together leave; from where the best of them lead
     /// too, so that it stands in no hollow that any of them would leave.
-    pub(super) fn bare(&mut self, data: &Data) -> Set {
-        let mut best = self.fitted(data, Vec::new(), &self.base.clone(), STAYS);
+    pub(super) fn bare(&mut self, data: &Data<'_>) -> Set {
+        let mut best = self.fitted(data, Vec::new(), &self.start.clone(), STAYS);
         for _ in 0..ROUNDS {
             let scanned = self.scan(data, &best);
             self.listen(data, &best, &scanned, 0);
-            best = self.fitted(data, Vec::new(), &best.fit.point(), STAYS);
+            best = self.under(data, &self.noise, &best);
             let before = best.evidence;
             let cost = best.fit.cost;
             let all = self.grown(data, &best, &scanned);
@@ -355,182 +430,64 @@ impl<'a> Search<'a> {
         best
     }
 
-    /// Searches from the fit without a cause on; a cause of a kind must add what `ask` says.
-    pub(super) fn run(&mut self, data: &Data, bare: &Set, ask: Ask<'_>) -> Found {
-        let mut best = bare.clone();
+    /// Searches from a set on; a cause of a kind must add what `ask` says.
+    /// When `watch` ends the search, what was going on is dropped.
+    pub(super) fn run(
+        &mut self,
+        data: &Data<'_>,
+        from: &Set,
+        ask: Ask<'_>,
+        watch: Watch<'_>,
+    ) -> Found {
+        let mut best = from.clone();
         let mut beam = vec![best.clone()];
         let mut next: Option<(Kind, f64)> = None;
         let mut last = None;
-        for _ in 0..MOST {
-            let mut all = self.candidates(data, &beam);
-            next = None;
-            let mut taken: Option<Weighed> = None;
-            for set in self.worth_weighing(&all, &best) {
-                let weighed = self.larger(data, &best, set);
-                self.tried.push((set.members.clone(), weighed.total()));
-                if self.above(&weighed.with, ask) > self.above(&weighed.without, ask) {
-                    if taken.as_ref().is_none_or(|t| weighed.total() > t.total()) {
-                        taken = Some(weighed);
-                    }
-                    continue;
-                }
-                let own = set.members.last().map(|h| self.hypotheses[*h].kind);
-                let adds = weighed.adds();
-                let share = |(kind, adds): (Kind, f64)| adds / ask(kind);
-                if let Some(own) = own
-                    && next.is_none_or(|n| share((own, adds)) > share(n))
-                {
-                    next = Some((own, adds));
-                }
+        let mut grown = Grown::default();
+        for number in best.members.len() + 1..=MOST {
+            if !watch.goes_on(&format!("searching effect {number}")) {
+                break;
             }
+            let mut all = self.candidates(data, &beam);
+            let plainly = self.plainly(data, &best);
+            let sets = self.worth_weighing(&all, &best, &plainly);
+            let (taken, nearest) = self.likeliest(data, &best, &sets, ask);
+            if data.stop.asked() {
+                break;
+            }
+            next = nearest;
             let Some(taken) = taken else { break };
-            self.noise = taken.noise.clone();
-            all.retain(|s| s.members != taken.with.members);
-            all.insert(0, taken.with.clone());
+            self.noise = taken.with.noise.clone();
+            best = taken.with.set.clone();
+            all.retain(|s| s.members != best.members);
+            all.insert(0, best.clone());
             all.truncate(BEAM);
-            best = taken.with.clone();
+            grown.add(self, &taken);
             last = Some(taken);
             beam = all;
         }
+        let as_grown = grown.found(best.clone(), next);
+        if best.members.is_empty() || !watch.goes_on("trying rivals") {
+            return Found {
+                partial: data.stop.asked(),
+                ..as_grown
+            };
+        }
+        let noise = self.noise.clone();
+        let steps = as_grown.steps.clone();
+        let exchanged = self.exchanged(data, best, last, ask);
+        if data.stop.asked() {
+            self.noise = noise;
+            return Found {
+                partial: true,
+                ..as_grown
+            };
+        }
         Found {
             next,
-            ..self.exchanged(data, best, last, ask)
+            steps,
+            ..exchanged
         }
-    }
-
-    /// Every member against all others in its place, the other members known; `last` is the set as it grew last.
-    fn exchanged(&mut self, data: &Data, best: Set, last: Option<Weighed>, ask: Ask<'_>) -> Found {
-        let (mut best, mut last) = (best, last);
-        let (mut gains, mut rivals) = (Vec::new(), Vec::new());
-        let mut exchanges = 0;
-        while gains.len() < best.members.len() {
-            let at = gains.len();
-            let grew = last.take_if(|w| at + 1 == w.with.members.len());
-            let weighed = grew.unwrap_or_else(|| self.member(data, &best, at));
-            if self.above(&weighed.with, ask) <= self.above(&weighed.without, ask) {
-                best = self.settled(data, &weighed.without);
-                (last, gains, rivals) = (None, Vec::new(), Vec::new());
-                continue;
-            }
-            self.noise = weighed.noise.clone();
-            let bare = &weighed.without;
-            let mut others = self.grown(data, bare, &self.scan(data, bare));
-            others.extend(self.swapped(data, &weighed.with));
-            others.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-            self.one_a_kind(&mut others);
-            let kind = |s: &Set| s.members.last().map(|m| self.hypotheses[*m].kind);
-            let own = kind(&weighed.with);
-            let rival = others.iter().position(|s| kind(s) != own);
-            if let Some(at) = rival.filter(|_| exchanges < EXCHANGES) {
-                exchanges += 1;
-                others[at] = self.closest(data, &others[at], &weighed.with);
-                if let Some(other) = self.beats(data, &others[at], &weighed, ask) {
-                    best = other.with.clone();
-                    self.noise = other.noise.clone();
-                    (last, gains, rivals) = (Some(other), Vec::new(), Vec::new());
-                    continue;
-                }
-            }
-            gains.push(weighed.adds());
-            rivals.push(self.rivals(&weighed.with, &others));
-        }
-        Found {
-            best,
-            gains,
-            rivals,
-            next: None,
-        }
-    }
-
-    /// A member of a set, weighed as if it had come last.
-    fn member(&mut self, data: &Data, set: &Set, at: usize) -> Weighed {
-        let mut with = set.clone();
-        let own = with.members.remove(at);
-        let bare = self.fitted(data, with.members.clone(), &set.fit.point(), STAYS);
-        with.members.push(own);
-        self.larger(data, &bare, &with)
-    }
-
-    /// Sets with another cause in the place of the last member, fitted from where the set stands: one that is fitted
-    /// without the member imitates it with all other numbers, and a rival may not come back from there.
-    fn swapped(&self, data: &Data, set: &Set) -> Vec<Set> {
-        let mut members = set.members.clone();
-        let Some(own) = members.pop() else {
-            return Vec::new();
-        };
-        let own = &self.hypotheses[own];
-        let mut here = set.fit.point();
-        own.axes().for_each(|a| here.set(a, self.base.get(a)));
-        let other =
-            |h: &usize| self.hypotheses[*h].kind != own.kind && self.compatible(&members, *h);
-        let all = (0..self.hypotheses.len()).filter(other);
-        let starts: Vec<(usize, Point)> = all
-            .flat_map(|h| {
-                let own = &self.hypotheses[h];
-                own.starts.iter().map(move |s| (h, own.on(&here, s)))
-            })
-            .collect();
-        let points: Vec<Point> = starts.iter().map(|s| s.1).collect();
-        let mut costs: Vec<(f64, usize)> = data
-            .errors(&points)
-            .iter()
-            .map(|e| self.noise.left(&self.noise.white(e)).0)
-            .zip(0..)
-            .collect();
-        costs.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut kinds = Vec::new();
-        costs.retain(|(_, i)| {
-            let kind = self.hypotheses[starts[*i].0].kind;
-            let new = !kinds.contains(&kind);
-            kinds.push(kind);
-            new
-        });
-        costs
-            .iter()
-            .take(SWAPPED)
-            .map(|(_, i)| {
-                let (h, start) = &starts[*i];
-                let with = members.iter().copied().chain([*h]);
-                self.fitted(data, with.collect(), start, RANKS)
-            })
-            .collect()
-    }
-
-    /// A rival, fitted as far as the set in whose place it would stand, from there too.
-    fn closest(&self, data: &Data, rival: &Set, set: &Set) -> Set {
-        let own = self.fitted(data, rival.members.clone(), &rival.fit.point(), STAYS);
-        self.better(data, own, &set.fit.point())
-    }
-
-    /// A rival that is to stand in the place of the last member of a set, as it is weighed. It has more evidence under
-    /// the noise of the set, or a likelihood under its own that is no chance of two noises.
-    fn beats(&mut self, data: &Data, rival: &Set, set: &Weighed, ask: Ask<'_>) -> Option<Weighed> {
-        let bar = set.total() + CLASS;
-        let likelier = rival.evidence > set.with.evidence;
-        let explains = rival.evidence > set.without.evidence;
-        let may = likelier || (explains && self.may_beat(rival, bar));
-        if !may {
-            return None;
-        }
-        let other = self.larger(data, &set.without, rival);
-        self.tried.push((rival.members.clone(), other.total()));
-        let stands = self.above(&other.with, ask) > self.above(&other.without, ask);
-        (stands && (likelier || other.total() > bar)).then_some(other)
-    }
-
-    /// What could stand in the place of the last member.
-    fn rivals(&self, set: &Set, others: &[Set]) -> Vec<Rival> {
-        let kind = |m: usize| self.hypotheses[m].kind;
-        let own = set.members.last().map(|m| kind(*m));
-        let last = others
-            .iter()
-            .filter_map(|s| Some((*s.members.last()?, s.evidence)));
-        last.filter(|(m, _)| Some(kind(*m)) != own)
-            .map(|(hypothesis, evidence)| Rival {
-                hypothesis,
-                margin: set.evidence - evidence,
-            })
-            .collect()
     }
 }
 

@@ -3,7 +3,7 @@
 use files::dataset::{Bench, Command, ControllerKind, Manifest, Output};
 
 /// Keys that are missing of any run, each as it is written in `dataset.toml`; empty where enough is stated.
-pub(super) fn missing(manifest: &Manifest) -> Vec<&'static str> {
+pub(crate) fn missing(manifest: &Manifest) -> Vec<&'static str> {
     let mut out = Vec::new();
     for run in &manifest.runs {
         for key in of_bench(&run.bench) {

@@ -27,21 +27,16 @@ impl Transport {
         withhold: &[Effect],
         error: f64,
     ) -> Self {
-        let mut cut = recordings.to_vec();
         let echoed = recordings.iter().all(|r| echo(r).is_some());
         let read = Problem::new(manifest, recordings, 0)
             .filter(|_| echoed)
             .and_then(|p| irregular(&p, error))
             .filter(|r| !withhold.contains(&r.effect));
-        if read.is_some() {
-            for r in &mut cut {
-                let applied = echo(r);
-                if let Some(j) = r.joint_mut(0) {
-                    j.set(Signal::Setpoint, applied);
-                    j.set(Signal::AppliedSetpoint, None);
-                }
-            }
-        }
+        let cut = if read.is_some() {
+            as_applied(recordings)
+        } else {
+            recordings.to_vec()
+        };
         Self {
             cut,
             echoed,
@@ -62,6 +57,19 @@ impl Transport {
     }
 }
 
+/// Recordings whose set-points are those that the driver echoes.
+pub(super) fn as_applied(recordings: &[Recording]) -> Vec<Recording> {
+    let mut out = recordings.to_vec();
+    for r in &mut out {
+        let applied = echo(r);
+        if let Some(j) = r.joint_mut(0).filter(|_| applied.is_some()) {
+            j.set(Signal::Setpoint, applied);
+            j.set(Signal::AppliedSetpoint, None);
+        }
+    }
+    out
+}
+
 fn echo(r: &Recording) -> Option<Vec<f64>> {
     let j = r.joint(0)?;
     j.get(Signal::Setpoint)?;
@@ -80,7 +88,7 @@ fn irregular(problem: &Problem, error: f64) -> Option<Read> {
     let lost = way.lost * way.sent;
     let arrived = way.sent - lost;
     if way.range_s > ROWS * way.doubt_s {
-        let sigma = jitter_s(problem, &way, 0.0);
+        let sigma = jitter_s(problem, &way);
         let off = sigma * (0.5 / arrived).sqrt() + 0.1 * way.doubt_s;
         let counts = 1.0 / (1.0 + arrived * error * error);
         let evidence = counts * arrived * libm::log(way.range_s / way.doubt_s);

@@ -2,8 +2,8 @@
 
 use files::dataset::{Command, Output};
 
-use super::{linear, log, measured};
-use crate::fit::{Free, Map};
+use super::{Free, Map, linear, log, measured};
+
 use crate::joint::{Channel, Nominal, P, Params, Problem};
 use crate::vocabulary::Effect;
 

@@ -85,12 +85,13 @@ fn levinson(r: &[f64]) -> (Vec<f64>, f64) {
 
 /// `v[i]` less its prediction from the past; the first rows see a shorter past.
 fn filtered(v: &[f64], a: &[f64], scale: f64) -> Vec<f64> {
-    (0..v.len())
-        .map(|i| {
-            let past: f64 = a.iter().zip(v[..i].iter().rev()).map(|(a, v)| a * v).sum();
-            (v[i] - past) * scale
-        })
-        .collect()
+    let mut out = v.to_vec();
+    for (lag, a) in a.iter().enumerate() {
+        let late = out.iter_mut().skip(lag + 1);
+        late.zip(v).for_each(|(out, v)| *out -= a * v);
+    }
+    out.iter_mut().for_each(|out| *out *= scale);
+    out
 }
 
 /// A filter that makes errors independent and of size one.

@@ -8,7 +8,6 @@ use super::param::{P, Params};
 #[derive(Clone)]
 struct Held<'a> {
     run: &'a RunData,
-    echo: bool,
     /// Instants and values of a gait that runs at another rate; empty where they are as recorded.
     played: (Vec<f64>, Vec<f64>),
     index: usize,
@@ -16,10 +15,9 @@ struct Held<'a> {
 }
 
 impl<'a> Held<'a> {
-    fn new(run: &'a RunData, echo: bool, played: (Vec<f64>, Vec<f64>), start_s: f64) -> Self {
+    fn new(run: &'a RunData, played: (Vec<f64>, Vec<f64>), start_s: f64) -> Self {
         let mut out = Self {
             run,
-            echo,
             played,
             index: 0,
             last_s: start_s,
@@ -31,24 +29,15 @@ impl<'a> Held<'a> {
     }
 
     fn time(&self, i: usize) -> Option<f64> {
-        if self.echo {
-            self.run.arrivals.get(i).map(|a| a.t_s)
+        let times = if self.played.0.is_empty() {
+            &self.run.command_t_s
         } else {
-            let times = if self.played.0.is_empty() {
-                &self.run.command_t_s
-            } else {
-                &self.played.0
-            };
-            times.get(i).copied()
-        }
+            &self.played.0
+        };
+        times.get(i).copied()
     }
 
     fn value(&self, i: usize) -> f64 {
-        let i = if self.echo {
-            self.run.arrivals.get(i).map_or(0, |a| a.index)
-        } else {
-            i
-        };
         let values = if self.played.1.is_empty() {
             &self.run.command
         } else {
@@ -122,7 +111,6 @@ fn moved(run: &RunData, i: usize, clock: f64) -> f64 {
 /// Parameters of one lane's command path.
 #[derive(Clone, Copy, PartialEq)]
 struct Path {
-    echo: bool,
     /// Rate of the gait.
     rate: f64,
     clock: f64,
@@ -185,14 +173,12 @@ impl<'a> Commands<'a> {
     pub(super) fn new(run: &'a RunData, params: &[Params], dt_s: f64, start: f64) -> Self {
         let first = run.command.first().copied().unwrap_or(start);
         let lane = |p: &Params| {
-            let echo = p.get(P::Echo) > 0.5 && !run.arrivals.is_empty();
             let clock = 1.0 + p.get(P::Skew);
-            let gait = p.get(P::Played) > 0.5 && run.tick_s.is_finite() && clock != 1.0 && !echo;
+            let gait = p.get(P::Played) > 0.5 && run.tick_s.is_finite() && clock != 1.0;
             let path = Path {
-                echo,
                 rate: if gait { clock } else { 1.0 },
-                clock: if echo || gait { 1.0 } else { clock },
-                delay: if echo { 0.0 } else { p.get(P::Delay) },
+                clock: if gait { 1.0 } else { clock },
+                delay: p.get(P::Delay),
                 scale: p.get(P::Scale) * p.get(P::Sense),
                 offset: p.get(P::Offset),
                 quantum: p.get(P::Quantum),
@@ -203,7 +189,7 @@ impl<'a> Commands<'a> {
             } else {
                 <_>::default()
             };
-            let held = Held::new(run, echo, played, -path.delay);
+            let held = Held::new(run, played, -path.delay);
             Lane {
                 slewed: first * path.scale + path.offset,
                 path,

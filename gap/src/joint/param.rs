@@ -31,7 +31,6 @@ params! {
     MechOffset = 0.0, "mechanical angle minus encoder angle";
     RecordScale = 1.0, "recorded position over true position";
     Delay = 0.0, "set-point delay, s";
-    Echo = 0.0, "1: set-points arrive when the driver echoed them";
     Skew = 0.0, "robot clock rate minus 1";
     Played = 0.0, "1: the clock plays the gait, set-points still leave at their instants";
     Quantum = 0.0, "set-point step";

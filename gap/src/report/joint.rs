@@ -6,8 +6,7 @@ use super::page::{Evidence, html as page};
 use super::plot::{Axes, Curve, plot};
 use super::subject::Subject;
 use super::words::escape;
-use crate::diagnose::Diagnosis;
-use crate::joint::{Trace, simulate};
+use crate::bench::Diagnosis;
 
 /// Points of a curve: what a screen shows.
 const POINTS: usize = 600;
@@ -25,11 +24,9 @@ struct Traces {
 
 impl Traces {
     fn new(d: &Diagnosis, run: usize) -> Self {
-        let data = &d.problem.runs[run];
-        let (mut a, mut b) = (Trace::new(), Trace::new());
-        simulate(data, &d.nominal, d.problem.dt_s, &mut a);
-        simulate(data, &d.selection.model.params, d.problem.dt_s, &mut b);
-        let column = if d.ideal { 6 } else { 0 };
+        let scored = d.scored();
+        let (_, a) = scored.played(&d.nominal, run);
+        let (data, b) = scored.played(&d.found, run);
         let step = data.samples.len().div_ceil(POINTS).max(1);
         let mut out = Self {
             name: data.name.clone(),
@@ -42,7 +39,7 @@ impl Traces {
             if s.measured[0].is_finite() {
                 out.t_s.push((s.step as f64 + s.part) * d.problem.dt_s);
                 out.measured.push(1e3 * s.measured[0]);
-                out.before.push(1e3 * a[i][column]);
+                out.before.push(1e3 * a[i][0]);
                 out.after.push(1e3 * b[i][0]);
             }
         }

@@ -2,7 +2,7 @@
 
 use super::subject::Subject;
 use super::words::shown_in;
-use crate::sentence::causes;
+use crate::sentence::{Cause, causes};
 use crate::verdict::Verdict;
 
 /// One step down.
@@ -27,7 +27,7 @@ pub(super) fn steps(v: &Verdict) -> (&str, Vec<Step>) {
         step("before", g.before),
         step("known values calibrated", g.after_calibration),
     ];
-    let names: Vec<&str> = causes(v).iter().map(|c| c.effect().plain()).collect();
+    let names: Vec<&str> = causes(v).iter().map(Cause::plain).collect();
     match names.as_slice() {
         [] => {}
         [one] => out.push(step(&format!("with {one}"), g.after)),

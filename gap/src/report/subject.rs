@@ -3,8 +3,10 @@
 use files::dataset::{Bench, Command, Manifest, Motion, Robot};
 
 use super::words::{capital, floor_explained, listed, quantity, range, size};
+use crate::bench::missing;
 use crate::sentence::{Cause, causes, sentence, sure_of, unsure};
 use crate::verdict::{Verdict, Word};
+use crate::vocabulary::Effect;
 
 /// The data set that a verdict is about.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,8 +29,8 @@ pub struct Subject {
     pub before: String,
 }
 
-/// What a bench does not state, and whether that is all there is to state.
-fn unstated(b: &Bench) -> (Vec<&'static str>, bool) {
+/// What a bench does not state.
+fn unstated(b: &Bench) -> Vec<&'static str> {
     let strength = b.effort_per_volt.is_some() || b.max_effort.is_some();
     let gains = b.controller.kp.is_some();
     let position = b.command == Command::Position;
@@ -41,9 +43,8 @@ fn unstated(b: &Bench) -> (Vec<&'static str>, bool) {
         ("motor strength", strength || b.command == Command::Effort),
         ("controller gains", gains || !position),
     ];
-    let known = b.inertia.is_some() || b.supply_v.is_some() || gains || strength;
     let missing = all.iter().filter(|x| !x.1).map(|x| x.0);
-    (missing.collect(), position && !known)
+    missing.collect()
 }
 
 impl Subject {
@@ -52,11 +53,13 @@ impl Subject {
     pub fn new(manifest: &Manifest, date: Option<String>) -> Self {
         let robot = manifest.robot == Robot::Metamodule;
         let bench = &manifest.bench;
-        let (unstated, tentative) = if robot {
-            (Vec::new(), false)
-        } else {
-            unstated(bench)
-        };
+        // Without these keys no cause of a joint is certain.
+        let first = if robot { Vec::new() } else { missing(manifest) };
+        let tentative = !first.is_empty();
+        let mut unstated = if robot { Vec::new() } else { unstated(bench) };
+        if tentative && unstated.is_empty() {
+            unstated = first;
+        }
         let ideal = bench.command == Command::Position && bench.controller.kp.is_none();
         let before = match (robot, &manifest.model) {
             (true, Some(file)) => format!("the nominal model in {file}"),
@@ -65,7 +68,7 @@ impl Subject {
                 "a joint that follows its set-point exactly, since its controller is not stated"
                     .into()
             }
-            (false, _) => "a model with the stated values, and defaults for the others".into(),
+            (false, _) => "a model with the stated values, the others fitted".into(),
         };
         Self {
             name: manifest.name.clone(),
@@ -164,7 +167,7 @@ impl Subject {
     /// Effect and sizes in a few words: `dry friction in the gear (joint 2), 0.499 N m`.
     pub(super) fn headline(&self, c: &Cause<'_>) -> String {
         let mut out = c.noun(self.robot);
-        let sizes = c.sizes();
+        let sizes = c.sizes(c.effect());
         if let [(key, ends)] = sizes.as_slice()
             && !["sign", "permutation"].contains(key)
         {
@@ -173,7 +176,7 @@ impl Subject {
         out
     }
 
-    /// The sentence of the registry with the values found, where they fill it.
+    /// The sentences of the registry with the values found, where they fill them.
     pub(super) fn filled(&self, c: &Cause<'_>) -> Option<String> {
         let joints = c.joints();
         let whom = if self.robot {
@@ -181,11 +184,15 @@ impl Subject {
         } else {
             "the joint".into()
         };
-        let mut out = c.effect().info().sentence.replace("{joints}", &whom);
-        for (key, ends) in c.sizes() {
-            out = out.replace(&format!("{{{key}}}"), &size(key, ends, self.linear));
-        }
-        (!out.contains('{')).then(|| capital(&out))
+        let one = |effect: &Effect| {
+            let mut out = effect.info().sentence.replace("{joints}", &whom);
+            for (key, ends) in c.sizes(*effect) {
+                out = out.replace(&format!("{{{key}}}"), &size(key, ends, self.linear));
+            }
+            (!out.contains('{')).then(|| capital(&out))
+        };
+        let all: Option<Vec<String>> = c.effects().iter().map(one).collect();
+        all.map(|all| all.join(" "))
     }
 
     /// How sure a card is of its cause.

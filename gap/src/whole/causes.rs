@@ -34,7 +34,7 @@ use crate::evidence::cause::{Cause, Group, Scope, causes, shared_slack};
 use crate::evidence::ensemble::Spreads;
 use crate::evidence::search::{Found, Problem};
 use crate::evidence::settle::settled;
-use crate::verdict::{Estimate, Unseen};
+use crate::verdict::Unseen;
 use crate::vocabulary::{Effect, Stage};
 use errors::{POSE, SIGNALS};
 pub(super) use held_out::JointRow;
@@ -497,7 +497,7 @@ impl Passes<'_> {
 type World = (Loads, Option<White>);
 
 /// What a patch takes of a cause: effect, joint, parameters.
-type Part = (Effect, Option<usize>, BTreeMap<String, Estimate>);
+use crate::verdict::causes::Part;
 
 /// Effect, joints and fixed parameters of a cause.
 type Name = (Option<Effect>, Vec<usize>, Vec<(&'static str, f64)>);

@@ -8,6 +8,7 @@ use super::data::Data;
 use crate::math;
 use crate::regimes::{Aspect, RegimeRow};
 use crate::sentence::{body_off, sentence};
+use crate::verdict::causes as parts;
 use crate::verdict::*;
 use crate::vocabulary::{Effect, Stage};
 
@@ -22,31 +23,12 @@ const PRIMARY: [&str; 4] = [
 const BEYOND: f64 = 1.25;
 /// Share of the gap by which a regime must exceed its share of time to be named.
 const EXCESS: f64 = 0.1;
-/// Members of a class beside its first.
-const RIVALS: usize = 2;
-/// Draws of a bootstrap.
-const DRAWS: usize = 400;
-
 /// What a verdict is made of.
 pub(super) struct Told<'a> {
     pub(super) data: &'a Data,
     pub(super) found: &'a Causes,
     pub(super) beside: &'a Beside,
     pub(super) seed: u64,
-}
-
-/// 95 % interval of the mean by bootstrap.
-fn bootstrap(values: &[f64], seed: u64) -> [f64; 2] {
-    if values.is_empty() {
-        return [0.0, 0.0];
-    }
-    let mut rng = math::Rng::new(seed);
-    let mut draw = || -> f64 {
-        let sum: f64 = values.iter().map(|_| values[rng.index(values.len())]).sum();
-        sum / values.len() as f64
-    };
-    let all: Vec<f64> = (0..DRAWS).map(|_| draw()).collect();
-    [math::quantile(&all, 0.025), math::quantile(&all, 0.975)]
 }
 
 /// RMS difference of repeated runs over root two, rad, mean over the joints; `None` without repeats.
@@ -101,17 +83,9 @@ fn regime(rows: &[RegimeRow], k: usize) -> &'static str {
 }
 
 impl Told<'_> {
-    /// The signal that the causes lower most, from nominal numbers where they fit best.
     fn metric(&self) -> &'static str {
-        let errors = &self.found.held_out.errors;
-        let mut known = PRIMARY.into_iter().filter(|n| errors.contains_key(n));
-        let fall = |n: &&str| errors[n].after / errors[n].calibrated.max(1e-30);
-        let found = if self.found.causes.is_empty() {
-            known.next()
-        } else {
-            known.min_by(|a, b| fall(a).total_cmp(&fall(b)))
-        };
-        found.unwrap_or(PRIMARY[1])
+        let named = !self.found.causes.is_empty();
+        parts::metric(&PRIMARY, &self.found.held_out.errors, named).unwrap_or(PRIMARY[1])
     }
 
     /// Error below which a metric tells nothing, and where that comes from.
@@ -127,126 +101,30 @@ impl Told<'_> {
 
     fn gap(&self, metric: &'static str) -> Gap {
         let held_out = &self.found.held_out;
-        let e = held_out.errors.get(metric);
-        let of = |x: fn(&causes::Shrink) -> f64| e.map_or(0.0, x);
-        let (before, calibrated, after) = (of(|e| e.before), of(|e| e.calibrated), of(|e| e.after));
-        let (floor, floor_source) = self.floor(metric);
-        let share = |from: f64| if from > 0.0 { 1.0 - after / from } else { 0.0 };
-        let achievable = || match before > floor {
-            true => (before - after) / (before - floor),
-            false => 1.0,
-        };
-        Gap {
-            metric: metric.into(),
-            unit: e.map_or("rad", |e| e.unit).into(),
-            before,
-            after_calibration: calibrated,
-            after,
-            floor,
-            floor_source: floor_source.into(),
-            ci95_after: bootstrap(
-                held_out.parts.by_run.get(metric).map_or(&[], |v| v),
-                self.seed,
-            ),
-            shrink: share(before),
-            shrink_after_calibration: share(calibrated),
-            shrink_of_achievable: (floor_source == "repeats").then(achievable),
-            held_out_runs: held_out.runs.clone(),
-        }
+        let by_run = held_out.parts.by_run.get(metric);
+        parts::gap(
+            (metric, &held_out.errors),
+            self.floor(metric),
+            (&held_out.runs, by_run.map_or(&[], |v| v)),
+            self.seed,
+        )
     }
 
-    /// Probabilities of the answers that are no effects; without an effect one of them is right.
     fn probabilities(&self) -> Probabilities {
-        let own = self.found.probabilities;
         let named = self.found.causes.iter().any(|r| r.effect.is_some());
-        let all = if named { 1.0 } else { own.none + own.unknown };
-        Probabilities {
-            none: own.none / all,
-            unknown: own.unknown / all,
-        }
+        parts::probabilities(self.found.probabilities, named)
     }
 
     /// One row a joint of each cause that an effect of the library has.
     fn effects(&self, metric: &'static str) -> Vec<EffectRow> {
-        let p = self.probabilities();
-        let named: Vec<&Row> = self
-            .found
-            .causes
-            .iter()
-            .filter(|r| r.effect.is_some())
-            .collect();
-        let all: f64 = named.iter().map(|r| r.probability).sum();
-        let rest = (1.0 - p.none - p.unknown).max(0.0);
-        let mut out = Vec::new();
-        for row in named {
-            let parts = row.parts();
-            let alternatives: Vec<Alternative> = row
-                .alternatives
-                .iter()
-                .filter_map(|a| {
-                    Some(Alternative {
-                        effect: Effect::from_name(a.effect?)?,
-                        distinguishable: a.distinguishable,
-                        margin: (a.margin * 1e3).round() / 1e3,
-                    })
-                })
-                .collect();
-            let confidence = rest * row.probability / all.max(1e-30) / parts.len().max(1) as f64;
-            for (effect, joint, parameters) in parts {
-                let within = |p: &files::effects::EffectParam| {
-                    let found = parameters.get(p.key);
-                    found.is_none_or(|e| (p.min..=p.max).contains(&e.value))
-                };
-                out.push(EffectRow {
-                    effect,
-                    stage: effect.stage().name().into(),
-                    joint,
-                    confidence,
-                    alternatives: alternatives.clone(),
-                    gap_added_alone: row.alone.get(metric).copied().unwrap_or(0.0),
-                    gap_removed_from_full: row.without.get(metric).copied().unwrap_or(0.0),
-                    kind: row.kind.into(),
-                    plausible: effect.info().parameters.iter().all(within),
-                    parameters,
-                });
-            }
-        }
-        out
+        let named = self.found.causes.iter().filter(|r| r.effect.is_some());
+        let all: Vec<_> = named.map(|r| (r, r.parts())).collect();
+        parts::effects(&all, self.probabilities(), metric)
     }
 
     fn ambiguous(&self) -> Vec<Ambiguous> {
-        let class = |row: &Row| {
-            let own = Effect::from_name(row.effect?)?;
-            let member = |effect: Effect, joints: &[usize], probability| Member {
-                effect,
-                stage: effect.stage().name().into(),
-                joint: joints.first().copied(),
-                probability,
-            };
-            let near = row.alternatives.iter().filter(|a| !a.distinguishable);
-            let mut members = vec![member(own, &row.joints, 1.0)];
-            members.extend(
-                near.filter_map(|a| {
-                    let effect = Effect::from_name(a.effect?)?;
-                    (effect != own).then(|| member(effect, &a.joints, libm::exp(-a.margin)))
-                })
-                .take(RIVALS),
-            );
-            let sum: f64 = members.iter().map(|m| m.probability).sum();
-            members.iter_mut().for_each(|m| m.probability /= sum);
-            let mut effects: Vec<Effect> = Vec::new();
-            for m in &members {
-                if !effects.contains(&m.effect) {
-                    effects.push(m.effect);
-                }
-            }
-            (members.len() > 1).then(|| Ambiguous {
-                separate_by: advice::separate_by(&effects, self.beside.echoed).into(),
-                effects,
-                members,
-            })
-        };
-        self.found.causes.iter().filter_map(class).collect()
+        let by = |effects: &[Effect]| advice::separate_by(effects, self.beside.echoed);
+        parts::ambiguous(&self.found.causes, &by)
     }
 
     fn places(&self) -> Vec<Where> {

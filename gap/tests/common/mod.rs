@@ -44,7 +44,7 @@ pub(crate) fn data_of(planted: impl Fn(usize) -> Params, seed: u64) -> (Manifest
     for (i, run) in manifest.runs.iter().enumerate() {
         let mut csv =
             String::from("t_s,setpoint_rad,position_rad,current_a,duty,bus_v,link_position_rad\n");
-        for k in 0..600 {
+        for k in 0..400 {
             let t = f64::from(k) * 0.01;
             // Set-points at 20 Hz.
             let sp = wave(i / 2, f64::from(k / 5) * 0.05);

@@ -70,6 +70,7 @@ fn effect(
         margin: if *distinguishable { 7.6 } else { 8.2 },
     };
     EffectRow {
+        part_of: None,
         effect,
         stage: effect.stage().name().into(),
         joint,
@@ -147,7 +148,7 @@ fn verdict(
 }
 
 const STATED: &str = "[bench]\ninertia_kg_m2 = 0.003\nsupply_v = 12.0\neffort_per_volt = 0.1\n\
-                      [bench.controller]\nkind = \"p\"\nkp = 5.0";
+                      [bench.controller]\nkind = \"p\"\noutput = \"voltage\"\nkp = 5.0";
 
 fn none() -> Case {
     let gap = gap("position_rmse_rad", "rad", [0.0041, 0.0037, 0.0037, 0.0036]);

@@ -113,7 +113,6 @@ fn diagnosed(folder: &Folder, data: &str) -> serde_json::Value {
 fn assert_next_motion(folder: &Folder, verdict: &serde_json::Value) {
     let next = &verdict["next_experiment"];
     assert_eq!(next["gait"], "out.next.csv", "{next}");
-    assert!(next["separates"].as_array().unwrap().len() > 1, "{next}");
     let motion = Columns::read(&folder.path("out.next.csv"));
     assert_eq!(motion.names, ["t_s", "setpoint_rad"]);
     let (t_s, setpoint) = (motion.get("t_s"), motion.get("setpoint_rad"));
@@ -126,7 +125,7 @@ fn assert_next_motion(folder: &Folder, verdict: &serde_json::Value) {
 #[test]
 fn a_joint_gets_a_page_a_motion_and_predictions_that_hold_the_error() {
     let folder = Folder::new("files_joint");
-    // Set-point and position alone do not tell the causes of play.
+    // Set-point and position alone, and nothing stated: a cause is tentative, and more is to be recorded.
     let joint = Joint {
         play_rad: 0.03,
         ..Joint::default()
@@ -139,6 +138,9 @@ fn a_joint_gets_a_page_a_motion_and_predictions_that_hold_the_error() {
     strip(&folder, "joint/run4.csv", |c| c == "position_rad");
     let verdict = diagnosed(&folder, "joint");
     assert_next_motion(&folder, &verdict);
+    assert_eq!(verdict["effects"][0]["effect"], "deadband", "{verdict}");
+    let sentence = verdict["sentence"].as_str().unwrap();
+    assert!(sentence.contains("controller gains"), "{sentence}");
     let gap = &verdict["gap"];
     assert_eq!(gap["held_out_runs"], serde_json::json!(["run3.csv"]));
     assert_eq!(gap["metric"], "position_rmse_rad");

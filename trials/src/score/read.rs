@@ -68,14 +68,14 @@ fn cause(c: &Value) -> Said {
     }
 }
 
-/// Version 1: equal effects on several joints are one shared cause.
+/// Version 1: equal effects on several joints are one shared cause, and those of a compound.
 fn effects(verdict: &Value) -> Vec<Said> {
     let p = |key: &str| verdict["probabilities"][key].as_f64().unwrap_or(0.0);
     let sure = 1.0 - p("none") - p("unknown");
     let mut order: Vec<String> = Vec::new();
     let mut groups: BTreeMap<String, Vec<&Value>> = BTreeMap::new();
     for e in list(&verdict["effects"]) {
-        let name = effect(e);
+        let name = e["part_of"].as_str().map_or(effect(e), str::to_owned);
         if !groups.contains_key(&name) {
             order.push(name.clone());
         }
@@ -113,14 +113,21 @@ fn effects(verdict: &Value) -> Vec<Said> {
     order.into_iter().map(of).collect()
 }
 
+/// A value where there is none yet: of a compound the first effect's.
+fn keep(slot: &mut Value, x: &Value) {
+    if slot.is_null() {
+        *slot = x.clone();
+    }
+}
+
 /// Parameters of effects on several joints, as version 2 has them.
 fn values(rows: &[&Value]) -> Value {
     let mut out = json!({});
     for e in rows {
         for (key, x) in e["parameters"].as_object().into_iter().flatten() {
             match e["joint"].as_u64() {
-                Some(joint) => out[key]["by_joint"][joint.to_string()] = x.clone(),
-                None => out[key] = x.clone(),
+                Some(joint) => keep(&mut out[key]["by_joint"][joint.to_string()], x),
+                None => keep(&mut out[key], x),
             }
         }
     }

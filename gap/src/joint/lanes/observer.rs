@@ -2,13 +2,17 @@
 //!
 //! A critically damped tracking filter (alpha-beta; Brookner 1998, "Tracking and Kalman Filtering Made Easy", 1.2):
 //! with `r = exp(-interval / horizon)` the angle takes `1 - r^2` of the error of a row, the speed `(1 - r)^2` over the
-//! interval.
+//! interval. The inner loop of a velocity servo holds the speed within less: the angle takes `1 - r`, the speed nothing.
+
+use files::dataset::Output;
 
 use crate::joint::data::{RunData, Sample};
 
 /// When the simulation was corrected last.
 pub(super) struct Observer {
     horizon_s: f64,
+    /// A loop of the servo's own holds the speed.
+    speed_held: bool,
     dt_s: f64,
     last_s: f64,
 }
@@ -27,6 +31,7 @@ impl Observer {
     pub(super) fn new(run: &RunData, dt_s: f64) -> Self {
         Self {
             horizon_s: run.horizon_s,
+            speed_held: run.nominal.output == Output::Velocity,
             dt_s,
             last_s: 0.0,
         }
@@ -49,9 +54,14 @@ impl Observer {
         }
         self.last_s = now_s;
         let r = libm::exp(-interval_s / self.horizon_s);
+        let [position, speed_hz] = if self.speed_held {
+            [1.0 - r, 0.0]
+        } else {
+            [1.0 - r * r, (1.0 - r) * (1.0 - r) / interval_s]
+        };
         Some(Gains {
-            position: 1.0 - r * r,
-            speed_hz: (1.0 - r) * (1.0 - r) / interval_s,
+            position,
+            speed_hz,
             steps: interval_s / self.dt_s,
         })
     }

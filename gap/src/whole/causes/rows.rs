@@ -263,7 +263,7 @@ pub(super) fn parts(
 
 impl Row {
     /// What a patch takes of it.
-    pub(in crate::whole) fn parts(&self) -> Vec<Part> {
+    pub(crate) fn parts(&self) -> Vec<Part> {
         let effect = self.effect.and_then(Effect::from_name);
         effect.map_or_else(Vec::new, |e| parts(e, &self.joints, &self.values))
     }

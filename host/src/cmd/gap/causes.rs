@@ -7,14 +7,13 @@ use std::path::{Path, PathBuf};
 
 use files::dataset::Robot;
 use files::model::Model;
-use gap::bench;
+use gap::bench::{self, Differ};
 use gap::decide::Calibration;
 use gap::evidence::block::White;
-use gap::evidence::ensemble::Spreads;
 use gap::evidence::kept;
 use gap::vocabulary::{Effect, Stage};
 use gap::whole::{
-    Causes, DataSet, Film, HeldOut, Left, Place, Row, calibrated, name_causes, null_blocks,
+    Causes, DataSet, FOLDS, Film, Left, Place, Row, Shrink, calibrated, name_causes, null_blocks,
 };
 
 use super::input;
@@ -109,7 +108,7 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     let (manifest, recordings) = (&input.manifest, &input.recordings);
     let found = if manifest.robot == Robot::Bench {
         bench::name_causes(manifest, recordings, &args.withhold, &calibration)
-            .map(Answer::Joint)
+            .map(|found| Answer::Joint(Box::new(found)))
             .map_err(bad)
     } else {
         Whole::read(&args.data, &input).and_then(|robot| {
@@ -166,7 +165,7 @@ impl Whole {
 
 /// What was found, of either kind.
 enum Answer {
-    Joint(bench::Causes),
+    Joint(Box<bench::Causes>),
     /// With the nominal model.
     Robot(Box<(Causes, Model)>),
 }
@@ -174,7 +173,7 @@ enum Answer {
 impl Answer {
     fn json(&self) -> serde_json::Result<serde_json::Value> {
         match self {
-            Self::Joint(found) => serde_json::to_value(found),
+            Self::Joint(found) => serde_json::to_value(found.as_ref()),
             Self::Robot(found) => serde_json::to_value(&found.0),
         }
     }
@@ -183,6 +182,9 @@ impl Answer {
         match self {
             Self::Joint(f) => {
                 let mut out = text(&f.sentence, &f.causes);
+                if let Some(h) = &f.held_out {
+                    out.push_str(&shrinks(&h.runs, &h.split, &h.errors));
+                }
                 let _ = writeln!(
                     out,
                     "\nA cause is named from an evidence of {:.1} on, each effect from its own: {} joints without a cause say so.",
@@ -195,7 +197,8 @@ impl Answer {
                 let mut out = text(&f.sentence, &f.causes);
                 out.push_str(&places(&f.places));
                 out.push_str(&left(&f.left));
-                let _ = write!(out, "{}", shrinks(&f.held_out));
+                let h = &f.held_out;
+                out.push_str(&shrinks(&h.runs, &h.split, &h.errors));
                 if let Some(near) = &f.nearest {
                     let what = name(near.effect);
                     let _ = writeln!(
@@ -246,10 +249,9 @@ fn left(all: &[Left]) -> String {
 }
 
 /// How far the gap shrinks, signal by signal.
-fn shrinks(held_out: &HeldOut) -> String {
-    let (runs, split) = (held_out.runs.len(), &held_out.split);
-    let mut out = format!("\nErrors of {runs} runs ({split}):\n");
-    for (signal, e) in &held_out.errors {
+fn shrinks(runs: &[String], split: &str, errors: &BTreeMap<&'static str, Shrink>) -> String {
+    let mut out = format!("\nErrors of {} runs ({split}):\n", runs.len());
+    for (signal, e) in errors {
         let _ = writeln!(
             out,
             "  {signal:<18} {:.4} nominal, {:.4} calibrated, {:.4} with the causes",
@@ -283,8 +285,10 @@ fn file_of(folder: &Path, input: &input::Input, model: &Model) -> PathBuf {
 /// What a calibration is made of: joints or robots without a cause.
 #[derive(Default)]
 struct Healthy {
-    /// Data sets of joints, and each as a block.
-    joints: Vec<(PathBuf, Vec<White>)>,
+    /// Data sets of joints.
+    sets: Vec<PathBuf>,
+    /// What the controller of each puts out, and each as a block.
+    joints: Vec<(&'static str, Vec<White>)>,
     /// Blocks of a robot.
     robots: Vec<Vec<White>>,
 }
@@ -297,7 +301,8 @@ impl Healthy {
         if manifest.robot == Robot::Bench {
             let block = bench::null_block(manifest, recordings).map_err(bad)?;
             context.out.detail(set.display().to_string());
-            self.joints.push((set.into(), vec![block]));
+            self.sets.push(set.into());
+            self.joints.push((bench::drive(manifest), vec![block]));
             return Ok(manifest.robot);
         }
         let robot = Whole::read(set, &input)?;
@@ -322,22 +327,29 @@ impl Healthy {
         if !self.robots.is_empty() {
             return calibrated(&self.robots, command, source).map_err(bad);
         }
-        let blocks: Vec<Vec<White>> = self.joints.iter().map(|j| j.1.clone()).collect();
-        let spreads = Spreads::learned(&blocks);
+        let differ = Differ::learned(&self.joints);
+        let without = |fold| differ.without_fold(&self.joints, fold, FOLDS);
+        let folds: Vec<Differ> = (0..FOLDS).map(without).collect();
         let bar = context
             .out
             .progress(self.joints.len() as u64, "joints weighed");
         let (mut evidence, mut left) = (Vec::new(), Vec::new());
-        for (set, _) in &self.joints {
+        for (i, set) in self.sets.iter().enumerate() {
             if interrupt::pressed() {
                 return Err(stopped());
             }
             let input = input::read(set, context)?;
             let (manifest, recordings) = (&input.manifest, &input.recordings);
-            let (own, remains) = bench::strongest(manifest, recordings, &spreads).map_err(bad)?;
+            let spreads = folds[i % FOLDS].of(bench::drive(manifest));
+            let healthy = bench::strongest(manifest, recordings, spreads).map_err(bad)?;
+            let (own, remains) = (healthy.evidence, healthy.left_db);
             let most = own.iter().max_by(|a, b| a.1.total_cmp(b.1));
             let most = most.map_or(String::new(), |(shown, x)| format!("{x:.2} of {shown}, "));
-            let text = format!("{}: {most}left {remains:.3}", set.display());
+            let most_left = remains.iter().max_by(|a, b| a.1.total_cmp(&b.1));
+            let text = most_left.map_or(String::new(), |(column, db)| {
+                format!("{db:.1} dB left of {column}")
+            });
+            let text = format!("{}: {most}{text}", set.display());
             context.out.detail(text);
             evidence.push(own);
             left.push(remains);
@@ -346,8 +358,8 @@ impl Healthy {
         bar.finish_and_clear();
         let mut out = Calibration::by_effect(&evidence, command, source)
             .map_err(bad)?
-            .with_remainders(left);
-        out.spreads = spreads;
+            .with_lefts(&left);
+        (out.spreads, out.drives) = (differ.all, differ.drives);
         Ok(out)
     }
 }

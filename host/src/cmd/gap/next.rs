@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use control::gait::Gait;
 use control::machine::Machine;
 use control::robot::RobotModel;
-use gap::Diagnosis;
+use gap::bench::Diagnosis;
 use gap::verdict::Verdict;
 use gap::vocabulary::{Effect, Stage};
 use gap::whole::Diagnosis as WholeDiagnosis;

@@ -4,11 +4,13 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
+use gap::bench::{self, Diagnosis, Settings};
+use gap::decide::Calibration;
+use gap::locate::State;
 use gap::report::Subject;
-use gap::select::Watch;
 use gap::verdict::Verdict;
 use gap::vocabulary::Effect;
-use gap::{Diagnosis, Settings};
+use gap::watch::Watch;
 
 use super::input::{self, Input};
 use super::{causes, next};
@@ -80,7 +82,7 @@ pub(super) fn effect(name: &str) -> Result<Effect, String> {
 
 fn diagnose(
     input: &Input,
-    settings: &Settings,
+    (settings, calibration): (&Settings, &Calibration),
     limit: Option<Duration>,
     context: &Context,
 ) -> Outcome<Diagnosis> {
@@ -101,7 +103,8 @@ fn diagnose(
         next: &next,
         stop: &|| interrupt::pressed() || late(),
     };
-    let diagnosed = gap::diagnose_watched(&input.manifest, &input.recordings, 0, settings, watch);
+    let (manifest, recordings) = (&input.manifest, &input.recordings);
+    let diagnosed = bench::diagnose(manifest, recordings, settings, calibration, watch);
     drop(phases);
     let mut d = diagnosed.map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?;
     let provenance = &mut d.verdict.provenance;
@@ -213,7 +216,7 @@ impl<'a> Targets<'a> {
 }
 
 /// Reads a patch of `gap report --patch`.
-fn patch(path: &Path) -> Outcome<gap::joint::Params> {
+fn patch(path: &Path) -> Outcome<State> {
     let text = disk::read_text(path, disk::MAX_TEXT).map_err(|e| {
         Failure::say(
             Exit::BadFile,
@@ -269,20 +272,15 @@ pub(super) fn run(args: &Args, context: &Context) -> Outcome {
     if input.manifest.joints() > 1 {
         return run_whole(args, &data, &input, &targets, context);
     }
-    if args.calibration.is_some() {
-        let message =
-            "--calibration is for a whole robot; `rb-host gap causes` takes one of joints";
-        return Err(Failure::say(Exit::Usage, message));
-    }
+    let calibration = causes::calibration(args.calibration.as_deref(), input.manifest.robot)?;
     let settings = Settings {
         seed: args.seed,
         withhold: args.withhold.clone(),
         baseline: args.baseline.as_deref().map(patch).transpose()?,
-        ..Settings::default()
     };
     let mut d = {
         let _grace = interrupt::grace("stopping: the verdict so far is written, marked as partial");
-        diagnose(&input, &settings, args.time_limit, context)?
+        diagnose(&input, (&settings, &calibration), args.time_limit, context)?
     };
     next::bench(&mut d, targets.beside())?;
     let texts = Texts {
@@ -326,25 +324,17 @@ pub(super) fn predict(args: &PredictArgs, context: &Context) -> Outcome {
     if input.manifest.joints() > 1 {
         return predict_whole(args, &input, context);
     }
-    let (problem, params) = match &args.patch {
-        Some(path) => {
-            let params = patch(path)?;
-            let problem = gap::joint::Problem::new(&input.manifest, &input.recordings, 0)
-                .ok_or_else(|| Failure::say(Exit::BadFile, "no run measured position"))?;
-            (problem, params)
-        }
+    let state = match &args.patch {
+        Some(path) => patch(path)?,
         None => {
             // A part of a diagnosis predicts nothing.
             let _end = interrupt::at_once("stopped; nothing was written");
-            let d = diagnose(&input, &Settings::default(), None, context)?;
-            let params = d.selection.model.params;
-            (d.problem, params)
+            let calibration = causes::calibration(None, input.manifest.robot)?;
+            let settings = Settings::default();
+            diagnose(&input, (&settings, &calibration), None, context)?.found
         }
     };
-    let runs = problem.runs.iter().enumerate();
-    let runs = runs.map(|(i, run)| {
-        let text = gap::predict::csv(&problem, i, &params);
-        (run.name.clone(), text)
-    });
-    write_predicted(args, runs.collect(), context)
+    let runs = bench::predicted(&input.manifest, &input.recordings, &state)
+        .map_err(|e| Failure::new(Exit::BadFile, anyhow::Error::new(e)))?;
+    write_predicted(args, runs, context)
 }
